@@ -185,8 +185,13 @@ fn a_request_to_arm_at_the_start_expires_before_drives_that_are_switched_on_late
             from_s,
         };
         let (sink, mut records) = ring(1024);
+        // No cycle begins exactly when the request expires.
+        let config = CycleConfig {
+            period_s: 0.03,
+            decision_time_s: 0.02,
+        };
         let mut cycle = ControlLoop::new(
-            CycleConfig::default(),
+            config,
             SafetyConfig::default(),
             Clock::Virtual { now_s: 0.0 },
             port,
@@ -437,23 +442,48 @@ fn a_client_gives_paths_arms_once_and_halts() {
     assert_eq!((applied, log.lost()), (vec![1, 2, 3], 0));
 }
 
+/// Waits for its controller in simulated time as well.
+struct Patient<Q>(Q);
+
+impl<Q: ControllerRunner> ControllerRunner for Patient<Q> {
+    fn decide(&mut self, sample: &Sample, engaged: bool, _: Option<Duration>) -> Option<Decision> {
+        self.0
+            .decide(sample, engaged, Some(Duration::from_secs(20)))
+    }
+}
+
 #[test]
-fn a_controller_in_its_thread_is_waited_for_and_ends_with_its_runner() {
+fn a_controller_in_its_thread_drives_like_one_in_the_loop() {
+    fn commands(pilot: impl ControllerRunner) -> Vec<(f64, f64)> {
+        let (mut cycle, _records) = cycle(pilot);
+        let rows = (0..100).map(|i| cycle.step(if i > 5 { ARM } else { NOTHING }));
+        let commands = rows.map(|row| (row.traction_m_s, row.steer_m_s)).collect();
+        assert_eq!(cycle.state(), SafetyState::Driving);
+        commands
+    }
+    let inline = || InlineRunner::new(controller(0.05));
+    let threaded = ThreadedRunner::start(controller(0.05), None, None, None).unwrap();
+    let expected = commands(inline());
+    assert!(expected[99].0 > 0.0);
+    assert_eq!(commands(Patient(inline())), expected);
+    assert_eq!(commands(Patient(threaded)), expected);
+}
+
+#[test]
+fn a_controller_in_its_thread_ends_with_its_runner() {
     let controller = controller(0.05);
     let (outlet, inlet) = learned_channel(&controller, 60.0);
     let mut runner = ThreadedRunner::start(controller, None, None, Some(outlet)).unwrap();
     assert!(runner.thread_id().is_some() && runner.drives().is_none());
-    for cycle in 0..20 {
-        let sample = Sample {
-            time_s: 0.05 * f64::from(cycle),
-            tread_speeds: None,
-            attitude: None,
-            yaw_rate: None,
-            pose: None,
-        };
-        let decision = runner.decide(&sample, false, Some(Duration::from_secs(20)));
-        assert_eq!(decision.unwrap().time_s, sample.time_s);
-    }
+    let sample = Sample {
+        time_s: 0.0,
+        tread_speeds: None,
+        attitude: None,
+        yaw_rate: None,
+        pose: None,
+    };
+    let decision = runner.decide(&sample, false, Some(Duration::from_secs(20)));
+    assert_eq!(decision.unwrap().time_s, 0.0);
     assert!(runner.drives().is_some() && !inlet.is_abandoned());
     drop(runner);
     assert!(inlet.is_abandoned());
