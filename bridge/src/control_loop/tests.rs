@@ -370,7 +370,7 @@ fn a_loop_that_cannot_send_stops_and_counts_what_was_not_sent() {
     for cycle in 0..80 {
         let row = bench.control.step(if cycle > 1 { ARM } else { IDLE });
         unsent += u64::from(!row.sent);
-        if row.time_s < 3.14 && cycle > 10 {
+        if row.time_s < 3.13 && cycle > 10 {
             assert_eq!(row.state, SafetyState::Driving, "{}", row.time_s);
         }
     }

@@ -134,7 +134,8 @@ impl Geofence {
             here[0] + way_m * velocity[0] / speed_m_s,
             here[1] + way_m * velocity[1] / speed_m_s,
         ];
-        self.edges().any(|edge| meet(edge, [here, there]))
+        // What is not a number meets nothing.
+        !way_m.is_finite() || self.edges().any(|edge| meet(edge, [here, there]))
     }
 }
 
@@ -336,6 +337,28 @@ mod tests {
                     );
                 }
             }
+        }
+    }
+
+    #[test]
+    fn the_vehicle_brakes_where_its_speed_or_the_doubt_of_its_place_is_not_a_number() {
+        let pose = PlanarPose {
+            x_m: 5.0,
+            y_m: 5.0,
+            yaw_rad: 0.0,
+        };
+        for (forward_m_s, variances_m2, leaves) in [
+            (1.0, [0.01, 0.01], false),
+            (f64::NAN, [0.01, 0.01], true),
+            (1.0, [f64::NAN, f64::NAN], true),
+            (1.0, [-0.01, -0.01], true),
+        ] {
+            let velocity = BodyVelocity {
+                forward_m_s,
+                ..BodyVelocity::default()
+            };
+            let vehicle = vehicle(pose, velocity, variances_m2);
+            assert_eq!(ell().is_left_by(&vehicle, 2.0), leaves);
         }
     }
 
