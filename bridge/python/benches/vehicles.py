@@ -273,7 +273,7 @@ def check(engine: Engine, measures: Measures) -> None:
     limit_deg = math.degrees(math.atan(measures.friction))
 
     def started(slope_deg: float) -> Gyroscope:
-        """Across the slope, so that its brakes do not hold it."""
+        """Returns a vehicle that points across the slope."""
         vehicle = engine(measures, slope_deg)
         vehicle.reset((0, 0, 0, -math.pi / 2), (math.radians(slope_deg), 0))
         return vehicle
@@ -289,8 +289,10 @@ def check(engine: Engine, measures: Measures) -> None:
     assert standing_m < 0.002
 
     sliding = started(limit_deg + 4)
-    gains_m, slope_rad = -driven(sliding, 0, 0)[0] + driven(sliding, 0, 0)[0], math.radians(limit_deg + 4)
-    gains_m_s2 = gains_m / math.cos(slope_rad)
+    first_m, second_m = driven(sliding, 0, 0)[0], driven(sliding, 0, 0)[0]
+    slope_rad = math.radians(limit_deg + 4)
+    # Poses are seen from above.
+    gains_m_s2 = (second_m - first_m) / math.cos(slope_rad)
     expected = GRAVITY_M_S2 * (math.sin(slope_rad) - measures.friction * math.cos(slope_rad))
     print(f"sliding, 4 deg above: {gains_m_s2:.3f} m/s^2, {expected:.3f} of Coulomb's law")
     assert abs(gains_m_s2 / expected - 1) < 0.05
