@@ -207,6 +207,10 @@ impl ControllerServer {
         let path = goal
             .check_ids(&self.config.follow_path)
             .and_then(|()| RequestedPath::from_message(&goal.path));
+        if path.as_ref().is_ok_and(|path| !path.speeds_m_s.is_empty()) {
+            let message = "the stamps of its poses limit its speed by stretch";
+            self.log(LogLevel::Info, message);
+        }
         self.handler.begin(client, path, now_s);
     }
 
