@@ -4,6 +4,7 @@
 //! Sample -> Estimate -> Horizon -> Linearised -> Solution -> Decision
 //! ```
 
+mod ahead;
 mod decision;
 mod drives;
 mod horizon;
@@ -14,6 +15,7 @@ mod supervision;
 mod walk;
 mod watchdog;
 
+pub use ahead::{AHEAD_S, Ahead};
 pub use decision::{Decision, Stall, Status, StopReason};
 pub use drives::DriveResponse;
 pub use parts::ControllerError;
@@ -27,6 +29,7 @@ use crate::mpc::{Horizon, Mpc, Plan, QpFailure, Solution, StageTarget};
 use crate::pure_pursuit::PursuitView;
 use crate::reference::{Progress, Reference};
 use crate::tracked_point::TrackedPoint;
+use ahead::Predictions;
 use drives::Drives;
 use issued::IssuedCommands;
 use parts::{Law, Parts, guard, owner};
@@ -74,6 +77,7 @@ pub struct Controller {
     issued: IssuedCommands,
     /// The drives as they respond.
     drives: Drives,
+    predictions: Predictions,
     /// How far the drive had come in the cycle before, m; on the spot by what was left of the turn, rad.
     come: f64,
     /// Time by which the vehicle has fallen behind lately, s.
@@ -117,6 +121,7 @@ impl Controller {
             },
             issued: IssuedCommands::new(config.period_s),
             drives: Drives::new(&config),
+            predictions: Predictions::new(config.period_s),
             watchdog: Watchdog::new(
                 &config.supervisor,
                 config.limits,
@@ -206,6 +211,7 @@ impl Controller {
             self.phase = Phase::Driving { fallback_cycles: 0 };
         }
         self.reference = Some(next);
+        self.predictions.drop_pending();
         self.watchdog.reset();
     }
 
@@ -263,6 +269,15 @@ impl Controller {
             }
             _ => None,
         };
+        let ahead = match (&solved, &estimate, &progress) {
+            (Some(Ok(_)), Some(estimate), Some(progress)) => {
+                self.see_ahead(estimate, progress, elapsed_s)
+            }
+            _ => {
+                self.predictions.drop_pending();
+                None
+            }
+        };
         let slowed = self.slowed_share(estimate.as_ref());
         let (status, command_effective) = self.conclude(solved, slowed);
         self.issued.push(sample.time_s, command_effective);
@@ -272,6 +287,7 @@ impl Controller {
             status,
             estimate,
             progress,
+            ahead,
             solve: solved.and_then(|solved| solved.ok()?.report),
             guard: self.guard.as_ref().and_then(Guard::view),
             refused,
@@ -354,6 +370,7 @@ impl Controller {
     }
 
     fn discard_plan(&mut self) {
+        self.predictions.drop_pending();
         if let Law::Mpc(mpc) = &mut self.law {
             mpc.discard_plan();
         }

@@ -225,6 +225,15 @@ impl Reference {
         self.path().filter(|_| self.turn.is_none())
     }
 
+    /// Returns the distance of a place, which is about `way_m` ahead of the vehicle's, from the path of the present drive, m,
+    /// left of travel positive; none on a turn on the spot.
+    pub(crate) fn cross_track_further_m(&self, place: &Point2, way_m: f64) -> Option<f64> {
+        let path = self.driven_path()?;
+        let around_m = (self.arc_length_m + way_m).min(self.stop_at_m().next_down());
+        let nearest = path.nearest_from(place, around_m, around_m, &PROJECTION_WINDOW);
+        Some(nearest.offsets_to(place).1)
+    }
+
     /// Returns what tells one drive from the next.
     pub(crate) fn drive(&self) -> (usize, bool) {
         (self.drives_done, self.turn.is_some())

@@ -81,6 +81,7 @@ impl<F: FnMut(&Sample, &Reference, Option<&Progress>) -> Option<MotorSpeeds>> Dr
             },
             estimate: None,
             progress,
+            ahead: None,
             solve: None,
             guard: None,
             refused: Refused::default(),

@@ -1,5 +1,6 @@
 //! What a cycle decides, and what it has to say of it.
 
+use super::Ahead;
 use crate::estimator::{Estimate, Refused};
 use crate::guard::{GuardStop, GuardView, SteepMeasure, SteepPlace};
 use crate::mpc::{QpFailure, SolveReport};
@@ -208,6 +209,9 @@ pub struct Decision {
     pub estimate: Option<Estimate>,
     /// Position of the vehicle relative to the reference; none without a path or an estimate.
     pub progress: Option<Progress>,
+    /// Where across the path the vehicle will be in 2 s; none where nothing is planned along a path.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ahead: Option<Ahead>,
     /// The solver's account, where a QP was solved.
     pub solve: Option<SolveReport>,
     /// What the steepness guard says, where it is on.

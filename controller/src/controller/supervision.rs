@@ -52,6 +52,7 @@ impl Controller {
         self.phase = Phase::Driving { fallback_cycles: 0 };
         self.last_time_s = None;
         self.drives = Drives::new(&self.config);
+        self.predictions.reset();
         self.issued.restart();
         self.behind_s = 0.0;
         self.watchdog.reset();

@@ -50,6 +50,8 @@ pub(super) struct Belief<const N: usize> {
     pub(super) yaw_rate_behind: (f64, SVector<f64, N>),
     /// The model's body velocity (right, forward, yaw rate) as a vehicle has it that follows it with a lag.
     pub(super) late: Vector3<f64>,
+    /// Rate at which the covariance of the pose has grown since the reading before, in 1/s.
+    pub(super) growth: Matrix3<f64>,
     /// How noisy poses have been.
     pub(super) pose_noise: PoseNoise,
 }
@@ -90,6 +92,7 @@ impl<const N: usize> Belief<N> {
             moving,
             yaw_rate_behind: (0.0, SVector::zeros()),
             late: Vector3::zeros(),
+            growth: Matrix3::zeros(),
             pose_noise: PoseNoise::new(sigmas),
         }
     }
@@ -230,6 +233,7 @@ impl<const N: usize> Belief<N> {
             + crossed.transpose()
             + through * by_parameters.transpose()
             + noise;
+        next.growth = (next.pose_covariance() - self.pose_covariance()) / time_s;
         next.cross = by_state * self.cross + through;
         let drift = model.drift(self.treads, time_s);
         next.drift(&drift, &model.prior());

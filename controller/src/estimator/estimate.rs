@@ -91,14 +91,12 @@ const SLIDE_DOUBTED_M: (f64, f64) = (0.1, 0.5);
 impl Estimate {
     /// Returns the bound that the position across a heading keeps with a probability of 95 %, m.
     pub fn bound_across_m(&self, heading_rad: f64) -> f64 {
-        /// Standard deviations on either side.
-        const SIGMAS: f64 = 1.96;
         let (sin, cos) = heading_rad.sin_cos();
         let covariance = &self.covariance;
         let variance = cos * cos * covariance[(0, 0)]
             + 2.0 * sin * cos * covariance[(0, 1)]
             + sin * sin * covariance[(1, 1)];
-        SIGMAS * variance.max(0.0).sqrt()
+        bound_of_m(variance)
     }
 
     /// Returns the learned gains as control uses them, `off_path_m` from the path: those of the yaw
@@ -117,6 +115,13 @@ impl Estimate {
         slide *= slide_share(off_path_m);
         gains
     }
+}
+
+/// Returns the bound that a position of this variance, m^2, keeps with a probability of 95 %, m.
+pub(crate) fn bound_of_m(variance_m2: f64) -> f64 {
+    /// Standard deviations on either side.
+    const SIGMAS: f64 = 1.96;
+    SIGMAS * variance_m2.max(0.0).sqrt()
 }
 
 /// Returns the share with which a learned slide counts for a vehicle `off_path_m` from the path.

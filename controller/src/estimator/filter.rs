@@ -67,6 +67,7 @@ pub(super) struct Filter<M, const N: usize> {
     gate: PoseGate,
     gyro: GyroCheck,
     innovation: Option<Innovation>,
+    growth: Matrix3<f64>,
     model_error: ModelError,
     keeps: bool,
     kept: Option<InitialParameters<N>>,
@@ -91,6 +92,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             gate: PoseGate::new(settings.believed_after_s),
             gyro: GyroCheck::new(&settings),
             innovation: None,
+            growth: Matrix3::zeros(),
             model_error: ModelError::default(),
             keeps: false,
             kept: None,
@@ -112,6 +114,11 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
     /// Returns the innovation of the newest pose of the last update, accepted or not.
     pub(super) fn innovation(&self) -> Option<Innovation> {
         self.innovation
+    }
+
+    /// Returns the rate at which the covariance of (x, y, yaw) grows at the time of the last update, poses aside.
+    pub(super) fn growth(&self) -> &Matrix3<f64> {
+        &self.growth
     }
 
     /// Takes a cycle's readings and returns the state at the cycle's time, or `None` until a first
@@ -266,6 +273,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         let last = *self.events.back()?;
         let gyro = self.gyro_between(&last.belief, last.time_s, self.events.len());
         let belief = self.propagate(&last.belief, time_s - last.time_s, gyro);
+        self.growth = belief.growth;
         let yaw_rad = belief.mean.z;
         let measured = belief.attitude.plane_normal(yaw_rad);
         let normal_in_world = match self.normal_in_world {

@@ -29,14 +29,15 @@ mod settings;
 mod slip;
 
 pub use contact_settings::ContactLearningSettings;
-pub(crate) use estimate::slide_share;
 pub use estimate::{ContactEstimate, Estimate, Innovation, Refused};
+pub(crate) use estimate::{bound_of_m, slide_share};
 pub use gains::LearnedGains;
 pub use settings::{AdaptationSettings, EstimatorSettings};
 pub(crate) use slip::SLIP_SMOOTHING_M_S;
 
 use contact::LearnedContact;
 use filter::Filter;
+use nalgebra::Matrix3;
 use sidehill_plant::contact::{ContactPrediction, PARAMETERS};
 use sidehill_plant::sample::Sample;
 use sidehill_plant::vehicle::Vehicle;
@@ -114,6 +115,15 @@ impl Estimator {
         match &self.0 {
             EstimatorKind::Slip(filter) => filter.innovation(),
             EstimatorKind::Contact(filter) => filter.innovation(),
+        }
+    }
+
+    /// Returns the rate at which the covariance of (x, y, yaw) grows at the time of the last update, poses aside: m^2/s, m rad/s
+    /// and rad^2/s. Poses take as much from it in the mean.
+    pub(crate) fn growth(&self) -> &Matrix3<f64> {
+        match &self.0 {
+            EstimatorKind::Slip(filter) => filter.growth(),
+            EstimatorKind::Contact(filter) => filter.growth(),
         }
     }
 

@@ -43,6 +43,7 @@ use crate::clock::Instant;
 use crate::tracked_point::TrackedPoint;
 use condensing::{Condenser, Stage};
 use nalgebra::Vector3;
+use recursion::PlanFeedback;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::contact::BodyState;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
@@ -224,6 +225,7 @@ pub struct Mpc {
     starts: Vec<StepStart>,
     condenser: Condenser,
     solver: QpSolver,
+    feedback: PlanFeedback,
 }
 
 impl Mpc {
@@ -255,6 +257,7 @@ impl Mpc {
             starts: vec![StepStart::default(); settings.stages],
             condenser,
             solver,
+            feedback: PlanFeedback::new(settings.stages),
             model: model.into(),
             settings,
         };
@@ -362,6 +365,21 @@ impl Mpc {
         };
         self.follow(horizon);
         Ok(report)
+    }
+
+    /// Finds how the plan of the last cycle answers a change of its start, for [`Mpc::answer`]; returns whether it does.
+    pub(crate) fn find_feedback(&mut self) -> bool {
+        let terms = self
+            .stages
+            .iter()
+            .map(|stage| stage.terms([0.0; 2], COST_SCALE));
+        self.feedback.find(terms).is_some()
+    }
+
+    /// Returns by how much (x, y, yaw) at the stages' ends changes where the plan's start changes by `start`, m and rad, and
+    /// the plan is optimal from there, limits aside.
+    pub(crate) fn answer(&self, start: Vector3<f64>) -> impl Iterator<Item = Vector3<f64>> {
+        self.feedback.answer(start.into()).map(Vector3::from)
     }
 
     /// Begins a cycle. With `cut_at` the look of that number at the deadline, counted from 0, ends its

@@ -151,6 +151,46 @@ impl Recursion {
     }
 }
 
+/// The feedback that a QP's cost asks for, limits aside.
+#[derive(Clone)]
+pub struct PlanFeedback {
+    /// Terms and feedback of the stages, the last first.
+    stages: Vec<(StageTerms, InputFeedback)>,
+}
+
+impl PlanFeedback {
+    /// Returns the workspace of a horizon of `stages`.
+    pub fn new(stages: usize) -> Self {
+        Self {
+            stages: Vec::with_capacity(stages),
+        }
+    }
+
+    /// Finds the feedback of stages with these terms, the first one first; none where an input has no positive
+    /// curvature.
+    pub fn find(&mut self, terms: impl DoubleEndedIterator<Item = StageTerms>) -> Option<()> {
+        self.stages.clear();
+        let mut after = CostToGo::default();
+        for terms in terms.rev() {
+            let (feedback, to_go) = backwards(&terms, [InputRule::Free; MOTORS], &after)?;
+            self.stages.push((terms, feedback));
+            after = to_go;
+        }
+        Some(())
+    }
+
+    /// Returns by how much the state at the stages' ends changes where that at the first one's begin changes by `xi`.
+    pub fn answer(&self, mut xi: [f64; 3]) -> impl Iterator<Item = [f64; 3]> {
+        let mut before = [0.0; MOTORS];
+        self.stages.iter().rev().map(move |(terms, feedback)| {
+            let inputs = feedback.inputs(&[0.0; MOTORS], &xi, &before);
+            xi = forwards(terms, &xi, &inputs);
+            before = inputs;
+            xi
+        })
+    }
+}
+
 impl InputFeedback {
     fn inputs(
         &self,

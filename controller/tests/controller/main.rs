@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::panic, clippy::print_stdout)]
 
 mod adaptation;
+mod ahead;
 mod allocation;
 mod corners;
 mod endurance;

@@ -6,7 +6,7 @@ use crate::mpc::stage_terms::{MOTORS, StageTerms};
 impl Stage {
     /// Returns the terms of the stage, whose planned inputs differ by `change` from those before, with all
     /// costs multiplied by `scale`.
-    pub(super) fn terms(&self, change: [f64; MOTORS], scale: f64) -> StageTerms {
+    pub(in crate::mpc) fn terms(&self, change: [f64; MOTORS], scale: f64) -> StageTerms {
         let (x, y) = self.along;
         let (point_x, point_y) = self.point_by_yaw_m;
         let error = &self.error;
