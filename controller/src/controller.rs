@@ -11,14 +11,15 @@ mod horizon;
 mod issued;
 mod learning;
 mod parts;
+mod predictions;
 mod supervision;
 mod walk;
 mod watchdog;
 
-pub use ahead::{AHEAD_S, Ahead};
 pub use decision::{Decision, Stall, Status, StopReason};
 pub use drives::DriveResponse;
 pub use parts::ControllerError;
+pub use predictions::{AHEAD_S, Ahead};
 
 use crate::clock::Instant;
 use crate::config::{ControllerConfig, ControllerKind};
@@ -29,10 +30,10 @@ use crate::mpc::{Horizon, Mpc, Plan, QpFailure, Solution, StageTarget};
 use crate::pure_pursuit::PursuitView;
 use crate::reference::{Progress, Reference};
 use crate::tracked_point::TrackedPoint;
-use ahead::Predictions;
 use drives::Drives;
 use issued::IssuedCommands;
 use parts::{Law, Parts, guard, owner};
+use predictions::Predictions;
 use sidehill_plant::contact::BodyState;
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;

@@ -129,6 +129,7 @@ impl ControllerRunner for Pilot {
             status: (self.status)(sample.time_s),
             estimate: None,
             progress: None,
+            ahead: None,
             solve: None,
             guard: None,
             refused: Default::default(),

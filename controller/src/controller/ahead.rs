@@ -16,6 +16,7 @@
 //! with turning, so q is the mean square of the planned steer over [`STEER_M_S`]^2, and s is learned from earlier
 //! predictions.
 
+use super::predictions::{AHEAD_S, Ahead, Prediction};
 use super::{Controller, Law};
 use crate::estimator::{Estimate, bound_of_m};
 use crate::mpc::StageTarget;
@@ -23,96 +24,10 @@ use crate::path::Point2;
 use crate::reference::Progress;
 use crate::tracked_point::TrackedPoint;
 use nalgebra::{Matrix2, Matrix3, Matrix3x2, Vector2, Vector3};
-use serde::{Deserialize, Serialize};
 use sidehill_plant::speeds::TreadSpeeds;
-use std::collections::VecDeque;
 
-/// How far ahead is looked, s.
-pub const AHEAD_S: f64 = 2.0;
-/// Time over which errors of predictions are remembered, and that for which s = 1 counts beside them, s.
-const MEMORY_S: f64 = 20.0;
-const GIVEN_S: f64 = 1.0;
 /// Steer at which the model's errors count as much as they do straight ahead, m/s.
 const STEER_M_S: f64 = 0.2;
-
-/// Where across the path the vehicle will be in [`AHEAD_S`].
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Ahead {
-    /// Distance of the tracked point from the path by the plan, m, left of travel positive.
-    pub cross_track_m: f64,
-    /// Bound that the true distance from the path then keeps to it with a probability of 95 %, m.
-    pub bound_m: f64,
-}
-
-/// A prediction that is still to be compared.
-#[derive(Debug, Clone, Copy)]
-struct Prediction {
-    for_s: f64,
-    cross_track_m: f64,
-    /// Of the estimate then, with s = 1, m^2.
-    variance_m2: f64,
-}
-
-/// Predictions, and how well earlier ones came true; nothing is allocated after [`Predictions::new`].
-#[derive(Debug, Clone)]
-pub(super) struct Predictions {
-    /// The oldest first.
-    pending: VecDeque<Prediction>,
-    /// Integrals of squared errors over variances and of time, s.
-    squares_s: f64,
-    compared_s: f64,
-}
-
-impl Predictions {
-    pub(super) fn new(period_s: f64) -> Self {
-        Self {
-            pending: VecDeque::with_capacity((AHEAD_S / period_s).ceil() as usize + 2),
-            squares_s: 0.0,
-            compared_s: 0.0,
-        }
-    }
-
-    /// Drops the predictions of a plan that is not driven to its end.
-    pub(super) fn drop_pending(&mut self) {
-        self.pending.clear();
-    }
-
-    /// Forgets everything.
-    pub(super) fn reset(&mut self) {
-        self.drop_pending();
-        (self.squares_s, self.compared_s) = (0.0, 0.0);
-    }
-
-    /// Compares the distance from the path with that predicted for now.
-    fn compare(&mut self, time_s: f64, elapsed_s: f64, cross_track_m: f64) {
-        let mut due = None;
-        while let Some(oldest) = self.pending.front()
-            && oldest.for_s <= time_s + 1e-6
-        {
-            due = self.pending.pop_front();
-        }
-        let keep = (-elapsed_s / MEMORY_S).exp();
-        self.squares_s *= keep;
-        self.compared_s *= keep;
-        if let Some(due) = due.filter(|due| due.variance_m2 > 0.0) {
-            let off_m = cross_track_m - due.cross_track_m;
-            self.squares_s += elapsed_s * off_m * off_m / due.variance_m2;
-            self.compared_s += elapsed_s;
-        }
-    }
-
-    fn add(&mut self, prediction: Prediction) {
-        if self.pending.len() == self.pending.capacity() {
-            self.pending.pop_front();
-        }
-        self.pending.push_back(prediction);
-    }
-
-    /// Returns s.
-    fn share(&self) -> f64 {
-        (GIVEN_S + self.squares_s) / (GIVEN_S + self.compared_s)
-    }
-}
 
 impl Controller {
     /// Returns where the vehicle will be by the plan of this cycle; none at standstill, on a turn on the spot, and of a law or a horizon
@@ -237,50 +152,5 @@ fn place_of(point: &TrackedPoint, target: &StageTarget, state: &Vector3<f64>) ->
     Point2 {
         x_m: state.x + x_m,
         y_m: state.y + y_m,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Returns s after 100 s of predictions that are off by so many standard deviations of 1 cm.
-    fn share_after(deviations: f64) -> (Predictions, f64) {
-        let mut predictions = Predictions::new(0.05);
-        for cycle in 0..2000 {
-            let time_s = 0.05 * f64::from(cycle);
-            predictions.compare(time_s, 0.05, 0.3 + 0.01 * deviations);
-            predictions.add(Prediction {
-                for_s: time_s + AHEAD_S,
-                cross_track_m: 0.3,
-                variance_m2: 1e-4,
-            });
-        }
-        let share = predictions.share();
-        (predictions, share)
-    }
-
-    #[test]
-    fn the_share_is_the_mean_square_of_the_errors_over_what_was_expected() {
-        for deviations in [0.5, 1.0, 3.0] {
-            let (_, share) = share_after(deviations);
-            // The 1 with which it begins counts for 1 s of 20.
-            let expected = (1.0 + 20.0 * deviations * deviations) / 21.0;
-            assert!((share - expected).abs() < 0.02 * expected, "{share}");
-        }
-    }
-
-    #[test]
-    fn what_is_dropped_is_not_compared_and_what_was_learned_is_forgotten_with_time() {
-        let (mut predictions, share) = share_after(3.0);
-        predictions.drop_pending();
-        predictions.compare(100.0, 0.05, 5.0);
-        assert!(predictions.share() <= share);
-        predictions.compare(300.0, 200.0, 5.0);
-        assert!((predictions.share() - 1.0).abs() < 0.01);
-        assert_eq!(
-            predictions.pending.capacity(),
-            Predictions::new(0.05).pending.capacity()
-        );
     }
 }

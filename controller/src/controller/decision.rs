@@ -1,6 +1,6 @@
 //! What a cycle decides, and what it has to say of it.
 
-use super::Ahead;
+use super::predictions::Ahead;
 use crate::estimator::{Estimate, Refused};
 use crate::guard::{GuardStop, GuardView, SteepMeasure, SteepPlace};
 use crate::mpc::{QpFailure, SolveReport};
