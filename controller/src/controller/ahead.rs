@@ -5,13 +5,16 @@
 //! take from the covariance P what it gains, at the rate G in the mean, so that P stays and
 //!
 //! ```text
-//! variance = c' P c + s (1 + q) integral c_a' Phi_a G Phi_a' c_a da,   a from 0 to the time ahead
+//! variance = c' P c + s (1 + q) integral f_a' G f_a da,   a from 0 to the time ahead
 //! ```
 //!
-//! Phi_a is by how much the pose changes until a after a correction: that of the commands in flight, then the plan's
-//! feedback; c is the direction across the path there. G knows nothing of what drives do with commands and of errors that
-//! the model of the estimator has. Most of these come with turning, so q is the mean square of the planned steer over
-//! [`STEER_M_S`]^2, and s is learned from earlier predictions.
+//! c is the direction across the path, f_a by how much a correction has changed the distance from the path after the time
+//! a: first the commands in flight go on, then the plan's feedback answers. Corrections are those across the path and of
+//! the heading.
+//!
+//! G knows nothing of what drives do with commands and of errors that the model of the estimator has. Most of these come
+//! with turning, so q is the mean square of the planned steer over [`STEER_M_S`]^2, and s is learned from earlier
+//! predictions.
 
 use super::{Controller, Law};
 use crate::estimator::{Estimate, bound_of_m};
@@ -19,7 +22,7 @@ use crate::mpc::StageTarget;
 use crate::path::Point2;
 use crate::reference::Progress;
 use crate::tracked_point::TrackedPoint;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix2, Matrix3, Matrix3x2, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
@@ -132,18 +135,23 @@ impl Controller {
         }
         let (mpc, targets) = (&*mpc, &self.horizon.targets);
         let (plan, times) = (mpc.plan()?, mpc.stage_times());
+        // What a correction along the path changes is no error across it, in a bend either: it moves the nearest point.
         let start = &self.horizon.start;
-        let moved = (start.x_m - estimate.pose.x_m, start.y_m - estimate.pose.y_m);
-        // The pose at the plan's start by that of the estimate, column by column.
-        let mut columns = [
-            Vector3::x(),
-            Vector3::y(),
-            Vector3::new(-moved.1, moved.0, 1.0),
-        ];
         let mut across = across_path(targets.first()?, start.yaw_rad);
-        let mut variance = Integral::new(growth, across);
-        variance.add(delay_s, changes(&across, &columns));
-        let mut answers = columns.map(|column| mpc.answer(column));
+        let left = Vector3::new(across.x, across.y, 0.0);
+        let turned = Vector3::new(
+            estimate.pose.y_m - start.y_m,
+            start.x_m - estimate.pose.x_m,
+            1.0,
+        );
+        let mut jumps = [left, turned];
+        let mut variance = Integral::new(
+            Matrix3x2::from_columns(&[left, Vector3::z()]),
+            growth,
+            across,
+        );
+        variance.add(delay_s, changes(&across, &jumps));
+        let mut answers = jumps.map(|jump| mpc.answer(jump));
         let (mut way_m, mut to_go_s) = (0.0, AHEAD_S - delay_s);
         let (planned_s, mut steer_squares) = (to_go_s, 0.0);
         for (k, (target, states)) in targets.iter().zip(plan.states.windows(2)).enumerate() {
@@ -152,11 +160,11 @@ impl Controller {
             let moved = share * (states[1] - states[0]);
             let state = states[0] + moved;
             way_m += moved.xy().norm();
-            for (column, answer) in columns.iter_mut().zip(&mut answers) {
-                *column += share * (answer.next()? - *column);
+            for (jump, answer) in jumps.iter_mut().zip(&mut answers) {
+                *jump += share * (answer.next()? - *jump);
             }
             across = across_path(target, state.z);
-            variance.add(share * step_s, changes(&across, &columns));
+            variance.add(share * step_s, changes(&across, &jumps));
             steer_squares += share * step_s * plan.inputs[k].steer_m_s.powi(2);
             to_go_s -= step_s;
             if to_go_s <= 0.0 {
@@ -181,23 +189,27 @@ impl Controller {
     }
 }
 
-/// The integral of f' G f over time by the trapezoidal rule.
-struct Integral<'a> {
-    growth: &'a Matrix3<f64>,
+/// The integral of f' G f over time by the trapezoidal rule, where f is by how much jumps have changed the distance from
+/// the path and G the rate of their covariance.
+struct Integral {
+    growth: Matrix2<f64>,
     before: f64,
     sum: f64,
 }
 
-impl<'a> Integral<'a> {
-    fn new(growth: &'a Matrix3<f64>, begin: Vector3<f64>) -> Self {
+impl Integral {
+    /// Begins with jumps that have just happened; `growth` is the rate of the covariance of (x, y, yaw).
+    fn new(jumps: Matrix3x2<f64>, growth: &Matrix3<f64>, across: Vector3<f64>) -> Self {
+        let begin = jumps.transpose() * across;
+        let growth = jumps.transpose() * growth * jumps;
         Self {
-            growth,
             before: begin.dot(&(growth * begin)),
+            growth,
             sum: 0.0,
         }
     }
 
-    fn add(&mut self, time_s: f64, end: Vector3<f64>) {
+    fn add(&mut self, time_s: f64, end: Vector2<f64>) {
         let now = end.dot(&(self.growth * end));
         self.sum += 0.5 * time_s * (self.before + now).max(0.0);
         self.before = now;
@@ -212,9 +224,9 @@ fn across_path(target: &StageTarget, yaw_rad: f64) -> Vector3<f64> {
     Vector3::new(-cos, -sin, -cos * x - sin * y)
 }
 
-/// Returns the derivatives of the distance from the path by the columns' causes.
-fn changes(across: &Vector3<f64>, columns: &[Vector3<f64>; 3]) -> Vector3<f64> {
-    Vector3::from(columns.map(|column| across.dot(&column)))
+/// Returns the changes of the distance from the path by what jumps have become.
+fn changes(across: &Vector3<f64>, jumps: &[Vector3<f64>; 2]) -> Vector2<f64> {
+    Vector2::from(jumps.map(|jump| across.dot(&jump)))
 }
 
 fn place_of(point: &TrackedPoint, target: &StageTarget, state: &Vector3<f64>) -> Point2 {
