@@ -24,6 +24,7 @@ use crate::reference::Progress;
 use crate::tracked_point::TrackedPoint;
 use nalgebra::{Matrix2, Matrix3, Matrix3x2, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
+use sidehill_plant::speeds::TreadSpeeds;
 use std::collections::VecDeque;
 
 /// How far ahead is looked, s.
@@ -114,7 +115,7 @@ impl Predictions {
 }
 
 impl Controller {
-    /// Returns where the vehicle will be by the plan of this cycle; none on a turn on the spot, and of a law or a horizon
+    /// Returns where the vehicle will be by the plan of this cycle; none at standstill, on a turn on the spot, and of a law or a horizon
     /// that does not plan so far.
     pub(super) fn see_ahead(
         &mut self,
@@ -130,7 +131,9 @@ impl Controller {
         let (Law::Mpc(mpc), Some(reference)) = (&mut self.law, &self.reference) else {
             return None;
         };
-        if reference.driven_path().is_none() || !mpc.find_feedback() {
+        // Dead reckoning is certain of a vehicle that stands: G is not that of the plan, which drives away.
+        let stands = estimate.treads == TreadSpeeds::default();
+        if stands || reference.driven_path().is_none() || !mpc.find_feedback() {
             return None;
         }
         let (mpc, targets) = (&*mpc, &self.horizon.targets);
