@@ -9,7 +9,7 @@ use sidehill_controller::closed_loop::{
     Account, ClosedLoop, Cycle, Driver, LapFigures, RunEnd, SETTLING_S, TrackingFigures,
 };
 use sidehill_controller::config::ControllerKind;
-use sidehill_controller::controller::{Controller, StopReason};
+use sidehill_controller::controller::{AHEAD_S, Controller, StopReason};
 use sidehill_controller::guard::SteepPlace;
 use sidehill_controller::mpc::SolvePath;
 use sidehill_controller::reference::stands;
@@ -235,6 +235,7 @@ impl<S: Deref<Target = Prepared>, P: Plant, C: Driver> Drive<S, P, C> {
             cross_track_p95_m: figures.cross_track_p95_m,
             cross_track_max_m: figures.cross_track_max_m,
             cross_track_bound_held: bound_held(rows),
+            cross_track_ahead_bound_held: ahead_bound_held(rows),
             origin_cross_track_rms_m: figures.origin_cross_track_rms_m,
             along_track_rms_m: figures.along_track_rms_m,
             laps: several(self.closed_loop.laps()),
@@ -260,13 +261,32 @@ impl<S: Deref<Target = Prepared>, P: Plant, C: Driver> Drive<S, P, C> {
 
 /// Returns the share of cycles, once the vehicle is under way, whose true position is within the estimate's bound.
 fn bound_held(rows: &[Row]) -> Option<f64> {
-    let begin_s = rows.first()?.time_s + SETTLING_S;
-    let under_way = rows.iter().filter(|row| row.time_s >= begin_s);
-    let (held, cycles) = under_way
-        .filter_map(Row::holds_bound)
-        .fold((0_u32, 0_u32), |(held, cycles), holds| {
-            (held + u32::from(holds), cycles + 1)
-        });
+    share_held(under_way(rows).filter_map(Row::holds_bound))
+}
+
+/// Returns the share of cycles, once the vehicle is under way, whose true distance from the path [`AHEAD_S`] later is
+/// within the bound of the prediction.
+fn ahead_bound_held(rows: &[Row]) -> Option<f64> {
+    let mut later = rows.iter().peekable();
+    share_held(under_way(rows).filter_map(|row| {
+        let then_s = row.time_s + AHEAD_S - 1e-6;
+        while later.next_if(|later| later.time_s < then_s).is_some() {}
+        let (ahead, then) = row.ahead.zip(later.peek())?;
+        Some((then.cross_track_m - ahead.cross_track_m).abs() <= ahead.bound_m)
+    }))
+}
+
+/// Returns the cycles from when the vehicle is under way.
+fn under_way(rows: &[Row]) -> impl Iterator<Item = &Row> {
+    let begin_s = rows.first().map_or(0.0, |row| row.time_s) + SETTLING_S;
+    rows.iter().filter(move |row| row.time_s >= begin_s)
+}
+
+/// Returns the share of cycles that hold; none without any.
+fn share_held(holds: impl Iterator<Item = bool>) -> Option<f64> {
+    let (held, cycles) = holds.fold((0_u32, 0_u32), |(held, cycles), holds| {
+        (held + u32::from(holds), cycles + 1)
+    });
     (cycles > 0).then(|| f64::from(held) / f64::from(cycles))
 }
 
@@ -289,6 +309,7 @@ fn row(cycle: &Cycle, prepared: &Prepared) -> Row {
         attitude: state.attitude,
         estimate: decision.estimate.map(|estimate| estimate.pose),
         cross_track_bound_m: decision.cross_track_bound_m(),
+        ahead: decision.ahead,
         slope: None,
         reference: cycle.reference.pose(),
         tracked: cycle.tracked.map(|point| [point.x_m, point.y_m]),

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 use sidehill_controller::closed_loop::LapFigures;
-use sidehill_controller::controller::Status;
+use sidehill_controller::controller::{Ahead, Status};
 use sidehill_controller::estimator::ContactEstimate;
 use sidehill_controller::guard::{Margins, SteepPlace};
 use sidehill_controller::memory::Learned;
@@ -25,6 +25,8 @@ pub struct Row {
     pub estimate: Option<PlanarPose>,
     /// Bound that the estimated position across the path keeps with a probability of 95 %, m.
     pub cross_track_bound_m: Option<f64>,
+    /// Predicted distance from the path in 2 s and its bound, if there is a plan.
+    pub ahead: Option<Ahead>,
     /// Reference position and heading.
     pub reference: PlanarPose,
     /// True position of the tracked point, X_g and Y_g, m, if it is not the origin.
@@ -134,6 +136,9 @@ pub struct Summary {
     /// which it should be in 95 %; none without an estimate.
     #[serde(skip)]
     pub cross_track_bound_held: Option<f64>,
+    /// The same of the distance from the path 2 s later and the bound of its prediction; none without a prediction.
+    #[serde(skip)]
+    pub cross_track_ahead_bound_held: Option<f64>,
     /// Root mean square of the origin's distance from the path, m, if another point is tracked.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub origin_cross_track_rms_m: Option<f64>,

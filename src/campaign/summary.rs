@@ -181,7 +181,8 @@ mod tests {
     const HEADER: &str = "campaign,index,seed,controller,start.right_m,completed,ended_by,\
         cross_track_rms_m,cross_track_p95_m,cross_track_max_m,along_track_rms_m,heading_rms_rad,\
         steer_total_variation_m_s,goal_error_m,constraint_violations,fallbacks,\
-        mean_speed_m_s,time_s,tread_speed_max_m_s,cross_track_bound_held\n";
+        mean_speed_m_s,time_s,tread_speed_max_m_s,cross_track_bound_held,\
+        cross_track_ahead_bound_held\n";
 
     /// Twenty runs of icrik-mpc with errors of 1 to 20 cm, the 7th given up early; one of pure pursuit
     /// that never started.
@@ -192,10 +193,10 @@ mod tests {
             let (cm, completed) = (i + 1, i != 6);
             let reason = if completed { "" } else { "\"lost, here\"" };
             text += &format!(
-                "{f},{i},9,icrik-mpc,0.5,{completed},{reason},0.{cm:02},1,1,1,1,{cm},0,0,0,0.{cm:02},{cm},1.{cm:02},0.95\n"
+                "{f},{i},9,icrik-mpc,0.5,{completed},{reason},0.{cm:02},1,1,1,1,{cm},0,0,0,0.{cm:02},{cm},1.{cm:02},0.95,0.95\n"
             );
         }
-        text + &format!("{f},0,9,pure-pursuit,0.5,false,bad,,,,,,,,,,,,,\n")
+        text + &format!("{f},0,9,pure-pursuit,0.5,false,bad,,,,,,,,,,,,,,\n")
     }
 
     fn rows(campaign: &Campaign) -> Vec<CampaignRow> {

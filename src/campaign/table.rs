@@ -44,7 +44,7 @@ pub struct CampaignRow {
 /// Columns before the drawn values.
 pub(super) const BEFORE: [&str; 4] = ["campaign", "index", "seed", "controller"];
 /// Columns after the drawn values.
-pub(super) const AFTER: [&str; 15] = [
+pub(super) const AFTER: [&str; 16] = [
     "completed",
     "ended_by",
     "cross_track_rms_m",
@@ -60,6 +60,7 @@ pub(super) const AFTER: [&str; 15] = [
     "time_s",
     "tread_speed_max_m_s",
     "cross_track_bound_held",
+    "cross_track_ahead_bound_held",
 ];
 
 /// Columns after those where the steepness guard is on.
@@ -126,6 +127,7 @@ impl CampaignTable {
         }
         // A line break within a field would look like the end of a row.
         let plain = |reason: &str| reason.replace(['\n', '\r'], " ");
+        let field = |share: Option<f64>| share.map_or_else(String::new, |share| share.to_string());
         match &outcome.figures {
             Ok(s) => {
                 fields.extend([
@@ -143,8 +145,8 @@ impl CampaignTable {
                     s.mean_speed_m_s.to_string(),
                     s.time_s.to_string(),
                     s.tread_speed_max_m_s.to_string(),
-                    s.cross_track_bound_held
-                        .map_or_else(String::new, |share| share.to_string()),
+                    field(s.cross_track_bound_held),
+                    field(s.cross_track_ahead_bound_held),
                 ]);
                 if self.guard {
                     fields.extend(guard_fields(s.guard.as_ref()));

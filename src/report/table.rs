@@ -132,9 +132,15 @@ const COLUMNS: [Column; 30] = [
 ];
 
 /// The columns that only some runs have, after the others.
-const EXTRAS: [Column; 6] = [
+const EXTRAS: [Column; 8] = [
     ("cross_track_bound_m", |row| {
         number(row.cross_track_bound_m?)
+    }),
+    ("cross_track_ahead_m", |row| {
+        number(row.ahead?.cross_track_m)
+    }),
+    ("cross_track_ahead_bound_m", |row| {
+        number(row.ahead?.bound_m)
     }),
     ("rollover_margin", |row| number(row.slope?.margins.rollover)),
     ("friction_use", |row| {

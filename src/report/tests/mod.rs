@@ -38,6 +38,7 @@ fn row(index: usize) -> Row {
         },
         estimate: None,
         cross_track_bound_m: None,
+        ahead: None,
         reference: PlanarPose {
             x_m: 3.0 * cos,
             y_m: 3.0 * sin,
@@ -85,6 +86,7 @@ fn run(controller: &str, rows: Vec<Row>) -> Run {
             laps: Vec::new(),
             guard: None,
             cross_track_bound_held: None,
+            cross_track_ahead_bound_held: None,
             origin_cross_track_rms_m: None,
             along_track_rms_m: 0.001,
             heading_rms_rad: 0.2,
