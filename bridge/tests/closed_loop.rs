@@ -135,6 +135,7 @@ impl ControllerRunner for Constant {
                 status: Status::Tracking,
                 estimate: None,
                 progress: None,
+                ahead: None,
                 solve: None,
                 guard: None,
                 refused: Default::default(),

@@ -135,6 +135,20 @@ impl Decision {
         self.decided.cross_track_bound_m()
     }
 
+    /// Distance from the path that the plan has 2 s ahead, m, left of travel positive; None where nothing is planned along a
+    /// path.
+    #[getter]
+    fn cross_track_ahead_m(&self) -> Option<f64> {
+        self.decided.ahead.map(|ahead| ahead.cross_track_m)
+    }
+
+    /// Bound that the true distance from the path 2 s ahead keeps to `cross_track_ahead_m` with a probability of 95 %, m;
+    /// None where that is.
+    #[getter]
+    fn cross_track_ahead_bound_m(&self) -> Option<f64> {
+        self.decided.ahead.map(|ahead| ahead.bound_m)
+    }
+
     /// Arc length of the nearest point of the path, m; None before there is an estimate.
     #[getter]
     fn arc_length_m(&self) -> Option<f64> {

@@ -52,6 +52,14 @@ pub(super) fn controller_status(decision: &Decision, drives: &DriveResponse) -> 
         ),
         ("cross_track_bound_m", decision.cross_track_bound_m()),
         (
+            "cross_track_ahead_m",
+            decision.ahead.map(|ahead| ahead.cross_track_m),
+        ),
+        (
+            "cross_track_ahead_bound_m",
+            decision.ahead.map(|ahead| ahead.bound_m),
+        ),
+        (
             "heading_error_rad",
             estimate.zip(decision.progress).map(|(estimate, progress)| {
                 wrap_angle(estimate.pose.yaw_rad - progress.point.heading_rad)

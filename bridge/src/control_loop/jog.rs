@@ -66,6 +66,7 @@ impl ControllerRunner for JogRunner {
             status: Status::Tracking,
             estimate: None,
             progress: None,
+            ahead: None,
             solve: None,
             guard: None,
             refused: Refused::default(),

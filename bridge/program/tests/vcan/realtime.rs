@@ -131,6 +131,7 @@ impl ControllerRunner for Panicking {
             status: Status::Tracking,
             estimate: None,
             progress: None,
+            ahead: None,
             solve: None,
             guard: None,
             refused: Default::default(),

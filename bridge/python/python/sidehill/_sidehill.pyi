@@ -318,6 +318,14 @@ class Decision:
         """Bound that the distance from the path keeps to `cross_track_m` with a probability of 95 %, m; None before there
         is an estimate."""
     @property
+    def cross_track_ahead_m(self) -> float | None:
+        """Distance from the path that the plan has 2 s ahead, m, left of travel positive; None where nothing is planned along
+        a path."""
+    @property
+    def cross_track_ahead_bound_m(self) -> float | None:
+        """Bound that the true distance from the path 2 s ahead keeps to `cross_track_ahead_m` with a probability of 95 %, m;
+        None where that is."""
+    @property
     def arc_length_m(self) -> float | None:
         """Arc length of the nearest point of the path, m; None before there is an estimate."""
     @property

@@ -6,7 +6,7 @@ use sidehill_bridge::control_loop::channel::LoopStatus;
 use sidehill_bridge::drives::Input;
 use sidehill_bridge::ros2::message::{DiagnosticStatus, KeyValue};
 use sidehill_bridge::safety::{Reason, SafetyState, StopCause};
-use sidehill_controller::controller::{Decision, DriveResponse, Status};
+use sidehill_controller::controller::{Ahead, Decision, DriveResponse, Status};
 use sidehill_controller::estimator::Estimate;
 use sidehill_controller::mpc::QpFailure;
 use sidehill_plant::statistics::quantile;
@@ -132,6 +132,7 @@ pub(crate) fn diagnostic_status(
     let on_path =
         |field: fn(&TrackingState) -> f64| number(server.tracking.as_ref().map_or(f64::NAN, field));
     let cross_track_m = decision.progress.map(|progress| progress.cross_track_m);
+    let ahead = |field: fn(Ahead) -> f64| number(decision.ahead.map_or(f64::NAN, field));
     let mut values = vec![
         ("lifecycle", server.lifecycle.to_owned()),
         ("safety", format!("{:?}", row.state).to_lowercase()),
@@ -179,6 +180,8 @@ pub(crate) fn diagnostic_status(
             "cross_track_bound_m",
             number(decision.cross_track_bound_m().unwrap_or(f64::NAN)),
         ),
+        ("cross_track_ahead_m", ahead(|ahead| ahead.cross_track_m)),
+        ("cross_track_ahead_bound_m", ahead(|ahead| ahead.bound_m)),
         ("aside_m", on_path(|at| at.aside_m)),
         ("heading_error_rad", on_path(|at| at.heading_error_rad)),
         ("distance_to_goal_m", on_path(|at| at.distance_to_goal_m)),

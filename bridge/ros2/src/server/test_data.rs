@@ -52,6 +52,7 @@ pub(crate) fn decision(time_s: f64, x_m: f64, yaw_rad: f64) -> Decision {
         status: Status::Tracking,
         estimate: Some(estimate(time_s, x_m, yaw_rad)),
         progress: None,
+        ahead: None,
         solve: None,
         guard: None,
         refused: Refused::default(),
