@@ -367,10 +367,12 @@ impl Mpc {
         Ok(report)
     }
 
-    /// Finds how the plan of the last cycle answers a change of its start, for [`Mpc::answer`]; returns whether it does.
-    pub(crate) fn find_feedback(&mut self) -> bool {
-        let terms = self
-            .stages
+    /// Finds how the plan of the last cycle, as far as `until_s`, answers a change of its start, for [`Mpc::answer`];
+    /// returns whether it does.
+    pub(crate) fn find_feedback(&mut self, until_s: f64) -> bool {
+        let counted =
+            (0..self.stages.len()).take_while(|&k| k == 0 || self.times.end_s(k - 1) < until_s);
+        let terms = self.stages[..counted.count()]
             .iter()
             .map(|stage| stage.terms([0.0; 2], COST_SCALE));
         self.feedback.find(terms).is_some()
