@@ -132,21 +132,14 @@ struct Constant {
 impl ControllerRunner for Constant {
     fn decide(&mut self, sample: &Sample, _: bool, _: Option<Duration>) -> Option<Decision> {
         if sample.time_s < self.hangs_s && sample.time_s >= self.from_s {
-            self.last = Some(Decision {
-                time_s: sample.time_s,
-                command_effective: MotorSpeeds {
+            self.last = Some(Decision::of_command(
+                sample.time_s,
+                MotorSpeeds {
                     traction_m_s: 0.5,
                     steer_m_s: 0.1,
                 },
-                status: Status::Tracking,
-                estimate: None,
-                progress: None,
-                ahead: None,
-                solve: None,
-                guard: None,
-                refused: Default::default(),
-                reference: 0,
-            });
+                Status::Tracking,
+            ));
         }
         self.last
     }

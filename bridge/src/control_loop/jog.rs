@@ -2,7 +2,6 @@
 
 use super::runner::ControllerRunner;
 use sidehill_controller::controller::{Decision, Status};
-use sidehill_controller::estimator::Refused;
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
 use std::time::Duration;
@@ -60,18 +59,11 @@ impl ControllerRunner for JogRunner {
             },
             false => MotorSpeeds::STOP,
         };
-        Some(Decision {
-            time_s: sample.time_s,
-            command_effective: self.speeds,
-            status: Status::Tracking,
-            estimate: None,
-            progress: None,
-            ahead: None,
-            solve: None,
-            guard: None,
-            refused: Refused::default(),
-            reference: 0,
-        })
+        Some(Decision::of_command(
+            sample.time_s,
+            self.speeds,
+            Status::Tracking,
+        ))
     }
 }
 

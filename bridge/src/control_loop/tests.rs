@@ -123,18 +123,11 @@ impl ControllerRunner for Pilot {
         self.asked.borrow_mut().push((engaged, patience));
         assert!(self.asked.borrow().len() < 1000, "the run does not end");
         (self.signal)(sample.time_s);
-        Some(Decision {
-            time_s: sample.time_s,
-            command_effective: SPEEDS,
-            status: (self.status)(sample.time_s),
-            estimate: None,
-            progress: None,
-            ahead: None,
-            solve: None,
-            guard: None,
-            refused: Default::default(),
-            reference: 0,
-        })
+        Some(Decision::of_command(
+            sample.time_s,
+            SPEEDS,
+            (self.status)(sample.time_s),
+        ))
     }
 }
 

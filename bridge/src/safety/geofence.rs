@@ -165,9 +165,7 @@ mod tests {
     use proptest::prelude::*;
     use sidehill_controller::course::Course;
     use sidehill_controller::speed_profile::SpeedLimits;
-    use sidehill_plant::frames::{Attitude, BodyVelocity, PlanarPose};
-    use sidehill_plant::slip_gains::SlipGains;
-    use sidehill_plant::speeds::TreadSpeeds;
+    use sidehill_plant::frames::{BodyVelocity, PlanarPose};
     use std::f64::consts::PI;
 
     fn fence(corners: &[[f64; 2]]) -> Result<Geofence, GeofenceError> {
@@ -273,23 +271,9 @@ mod tests {
     /// A vehicle at a place, with the covariance of its position, m^2.
     fn vehicle(pose: PlanarPose, velocity: BodyVelocity, [xx, yy]: [f64; 2]) -> Estimate {
         Estimate {
-            time_s: 0.0,
-            pose,
             covariance: Matrix3::from_diagonal(&Vector3::new(xx, yy, 0.0)),
-            attitude: Attitude::default(),
-            normal_in_world: Vector3::z(),
-            treads: TreadSpeeds::default(),
             velocity,
-            tyre_force: Vector3::zeros(),
-            slip_gains: SlipGains::zeros(),
-            contact: None,
-            gyro_bias_rad_s: None,
-            model_error_m_s: 0.0,
-            pose_age_s: 0.0,
-            attitude_age_s: 0.0,
-            speeds_age_s: 0.0,
-            poses_gated: 0,
-            poses_doubted_s: None,
+            ..Estimate::standing(0.0, pose)
         }
     }
 

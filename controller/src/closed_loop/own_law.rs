@@ -3,7 +3,6 @@
 use super::Driver;
 use crate::config::ControllerConfig;
 use crate::controller::{Decision, Status};
-use crate::estimator::Refused;
 use crate::reference::{Progress, Reference, stands};
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
@@ -72,20 +71,14 @@ impl<F: FnMut(&Sample, &Reference, Option<&Progress>) -> Option<MotorSpeeds>> Dr
                 .stop_step(self.last, self.config.period_s)
         };
         self.last = wanted.unwrap_or_else(stopping);
+        let status = match wanted {
+            Some(_) => Status::Tracking,
+            None => Status::Finished,
+        };
         Decision {
-            time_s: sample.time_s,
-            command_effective: self.last,
-            status: match wanted {
-                Some(_) => Status::Tracking,
-                None => Status::Finished,
-            },
-            estimate: None,
             progress,
-            ahead: None,
-            solve: None,
-            guard: None,
-            refused: Refused::default(),
             reference: self.reference.number(),
+            ..Decision::of_command(sample.time_s, self.last, status)
         }
     }
 

@@ -225,6 +225,22 @@ pub struct Decision {
 }
 
 impl Decision {
+    /// Returns the decision of a law without an estimate, a reference or a solver.
+    pub fn of_command(time_s: f64, command_effective: MotorSpeeds, status: Status) -> Self {
+        Self {
+            time_s,
+            command_effective,
+            status,
+            estimate: None,
+            progress: None,
+            ahead: None,
+            solve: None,
+            guard: None,
+            refused: Refused::default(),
+            reference: 0,
+        }
+    }
+
     /// Returns the command to the drives of `vehicle` that makes its treads follow the effective command:
     /// equation (11) solved for the speeds that the drives' own encoders count.
     pub fn command_for_drives(&self, vehicle: &Vehicle) -> MeasuredMotorSpeeds {

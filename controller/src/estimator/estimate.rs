@@ -89,6 +89,30 @@ const YAW_CORRECTION_MAX: f64 = 0.6;
 const SLIDE_DOUBTED_M: (f64, f64) = (0.1, 0.5);
 
 impl Estimate {
+    /// Returns the estimate of a vehicle that stands on level ground and is certain of its pose, by readings of that
+    /// instant.
+    pub fn standing(time_s: f64, pose: PlanarPose) -> Self {
+        Self {
+            time_s,
+            pose,
+            covariance: Matrix3::zeros(),
+            attitude: Attitude::LEVEL,
+            normal_in_world: Vector3::z(),
+            treads: TreadSpeeds::default(),
+            velocity: BodyVelocity::default(),
+            tyre_force: Vector3::zeros(),
+            slip_gains: SlipGains::zeros(),
+            contact: None,
+            gyro_bias_rad_s: None,
+            model_error_m_s: 0.0,
+            pose_age_s: 0.0,
+            attitude_age_s: 0.0,
+            speeds_age_s: 0.0,
+            poses_gated: 0,
+            poses_doubted_s: None,
+        }
+    }
+
     /// Returns the bound that the position across a heading keeps with a probability of 95 %, m.
     pub fn bound_across_m(&self, heading_rad: f64) -> f64 {
         let (sin, cos) = heading_rad.sin_cos();

@@ -4,7 +4,6 @@ use crate::speed_profile::{SpeedLimits, speed_profile};
 use crate::trajectory::Trajectory;
 use sidehill_plant::contact::CentreOfMass;
 use sidehill_plant::frames::{Attitude, PlanarPose};
-use sidehill_plant::slip_gains::SlipGains;
 use sidehill_plant::speeds::TreadSpeeds;
 use sidehill_plant::vehicle::Vehicle;
 
@@ -68,31 +67,19 @@ fn ramp(steep_deg: f64) -> Terrain {
 
 fn estimate(time_s: f64, y_m: f64, terrain: &Terrain) -> Estimate {
     let normal = terrain.surface(0.0, y_m).unwrap().normal_in_world;
+    let pose = PlanarPose {
+        y_m,
+        ..PlanarPose::default()
+    };
     Estimate {
-        time_s,
-        pose: PlanarPose {
-            x_m: 0.0,
-            y_m,
-            yaw_rad: 0.0,
-        },
         covariance: nalgebra::Matrix3::identity() * 1e-4,
         attitude: Attitude::on_plane(&normal, 0.0),
         normal_in_world: normal,
-        velocity: Default::default(),
-        tyre_force: Default::default(),
         treads: TreadSpeeds {
             left_m_s: SPEED_M_S,
             right_m_s: SPEED_M_S,
         },
-        slip_gains: SlipGains::zeros(),
-        contact: None,
-        gyro_bias_rad_s: None,
-        model_error_m_s: 0.0,
-        pose_age_s: 0.0,
-        attitude_age_s: 0.0,
-        speeds_age_s: 0.0,
-        poses_gated: 0,
-        poses_doubted_s: None,
+        ..Estimate::standing(time_s, pose)
     }
 }
 

@@ -1,10 +1,9 @@
 //! What was learned is bounded before it is driven by.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use sidehill_controller::estimator::Estimate;
 use sidehill_plant::frames::{Attitude, PlanarPose};
 use sidehill_plant::slip_gains::{SlipGains, Terms};
-use sidehill_plant::speeds::TreadSpeeds;
 
 const HALF_TRACK_M: f64 = 1.0;
 
@@ -12,23 +11,9 @@ const HALF_TRACK_M: f64 = 1.0;
 fn estimate(gains: SlipGains) -> Estimate {
     let slope_rad = 0.25_f64;
     Estimate {
-        time_s: 0.0,
-        pose: PlanarPose::default(),
-        covariance: Matrix3::identity(),
-        attitude: Attitude::default(),
         normal_in_world: Vector3::new(0.0, -slope_rad.sin(), slope_rad.cos()),
-        velocity: Default::default(),
-        tyre_force: Default::default(),
-        treads: TreadSpeeds::default(),
         slip_gains: gains,
-        contact: None,
-        gyro_bias_rad_s: None,
-        model_error_m_s: 0.0,
-        pose_age_s: 0.0,
-        attitude_age_s: 0.0,
-        speeds_age_s: 0.0,
-        poses_gated: 0,
-        poses_doubted_s: None,
+        ..Estimate::standing(0.0, PlanarPose::default())
     }
 }
 

@@ -122,21 +122,14 @@ impl ControllerRunner for Panicking {
             *self.panicked_s.lock().unwrap() = Some(unix_now_s());
             panic!("on purpose");
         }
-        Some(Decision {
-            time_s: sample.time_s,
-            command_effective: MotorSpeeds {
+        Some(Decision::of_command(
+            sample.time_s,
+            MotorSpeeds {
                 traction_m_s: 0.1 * f64::from(self.moving.min(5)),
                 steer_m_s: 0.0,
             },
-            status: Status::Tracking,
-            estimate: None,
-            progress: None,
-            ahead: None,
-            solve: None,
-            guard: None,
-            refused: Default::default(),
-            reference: 0,
-        })
+            Status::Tracking,
+        ))
     }
 }
 

@@ -1,14 +1,13 @@
 //! Decisions, estimates and statuses for the tests of the server.
 
 use super::route::RouteSettings;
-use nalgebra::{Matrix3, Vector3};
 use sidehill_bridge::control_loop::LoopTiming;
 use sidehill_bridge::control_loop::channel::LoopStatus;
 use sidehill_bridge::control_loop::record::CycleRow;
 use sidehill_bridge::drives::LinkState;
 use sidehill_bridge::safety::SafetyState;
 use sidehill_controller::controller::{Decision, Status};
-use sidehill_controller::estimator::{Estimate, Refused};
+use sidehill_controller::estimator::Estimate;
 use sidehill_controller::path::Smoothing;
 use sidehill_controller::speed_profile::SpeedLimits;
 use sidehill_controller::tracked_point::TrackedPoint;
@@ -19,44 +18,19 @@ use std::sync::LazyLock;
 
 /// An estimate on level ground.
 pub(crate) fn estimate(time_s: f64, x_m: f64, yaw_rad: f64) -> Estimate {
-    Estimate {
-        time_s,
-        pose: PlanarPose {
-            x_m,
-            y_m: 0.0,
-            yaw_rad,
-        },
-        covariance: Matrix3::zeros(),
-        attitude: sidehill_plant::frames::Attitude::LEVEL,
-        normal_in_world: Vector3::z(),
-        velocity: Default::default(),
-        tyre_force: Default::default(),
-        treads: sidehill_plant::speeds::TreadSpeeds::default(),
-        slip_gains: sidehill_plant::slip_gains::SlipGains::default(),
-        contact: None,
-        gyro_bias_rad_s: None,
-        model_error_m_s: 0.0,
-        pose_age_s: 0.0,
-        attitude_age_s: 0.0,
-        speeds_age_s: 0.0,
-        poses_gated: 0,
-        poses_doubted_s: None,
-    }
+    let pose = PlanarPose {
+        x_m,
+        y_m: 0.0,
+        yaw_rad,
+    };
+    Estimate::standing(time_s, pose)
 }
 
 /// A decision of a controller that tracks reference 0.
 pub(crate) fn decision(time_s: f64, x_m: f64, yaw_rad: f64) -> Decision {
     Decision {
-        time_s,
-        command_effective: MotorSpeeds::STOP,
-        status: Status::Tracking,
         estimate: Some(estimate(time_s, x_m, yaw_rad)),
-        progress: None,
-        ahead: None,
-        solve: None,
-        guard: None,
-        refused: Refused::default(),
-        reference: 0,
+        ..Decision::of_command(time_s, MotorSpeeds::STOP, Status::Tracking)
     }
 }
 
