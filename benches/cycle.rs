@@ -186,6 +186,7 @@ fn horizons(
                         tracked_point: TrackedPoint::ORIGIN,
                         pose: point.pose(),
                         along_heading_rad: point.heading_rad,
+                        curvature_per_m: 0.0,
                         normal_in_world: normal_in_world(),
                         feedforward: MotorSpeeds {
                             traction_m_s: point.speed_m_s,

@@ -79,10 +79,6 @@ pub struct Controller {
     /// The drives as they respond.
     drives: Drives,
     predictions: Predictions,
-    /// How far the drive had come in the cycle before, m; on the spot by what was left of the turn, rad.
-    come: f64,
-    /// Time by which the vehicle has fallen behind lately, s.
-    behind_s: f64,
     last_time_s: Option<f64>,
 }
 
@@ -131,8 +127,6 @@ impl Controller {
             ),
             dig: DigWatch::new(&config.estimator),
             phase: Phase::Driving { fallback_cycles: 0 },
-            come: f64::INFINITY,
-            behind_s: 0.0,
             last_time_s: None,
             adapts,
             guard,

@@ -27,10 +27,6 @@ const LENGTH_MIN: f64 = 1.6;
 const STRETCH_MAX: f64 = 8.0;
 /// Lowest share of the asked speed by which errors across the path are weighed.
 const PACE_MIN: f64 = 0.02;
-/// Time over which a vehicle that falls behind is remembered, s.
-const BEHIND_S: f64 = 6.0;
-/// Share of the asked speed that may be missing before a vehicle falls behind.
-const SLOW_FREE: f64 = 0.25;
 /// Largest factor between the stretches of two cycles.
 const STRETCH_CHANGE: f64 = 1.05;
 
@@ -58,40 +54,9 @@ impl Controller {
         );
         // The plan ends where the drive before has ended.
         if reference.drive() != before {
-            self.come = f64::INFINITY;
             self.discard_plan();
         }
         Some(progress)
-    }
-
-    /// Keeps account of how long the vehicle has been slower than it was asked to be: the price of speed grows with
-    /// that, so that no plan waits for ever beside a place that is hard to pass.
-    fn fall_behind(&mut self, progress: &Progress, elapsed_s: f64) {
-        let to_turn_rad = self
-            .reference
-            .as_ref()
-            .map_or(0.0, Reference::turn_to_go_rad);
-        let (come, asked_per_s) = match progress.point.motion {
-            Motion::Drive => (progress.arc_length_m, progress.point.speed_m_s.abs()),
-            Motion::Pivot => {
-                let most_rad_s = self.speed_limits().yaw_rate_rad_s();
-                (
-                    -to_turn_rad.abs(),
-                    progress.point.yaw_rate_rad_s.abs().min(most_rad_s),
-                )
-            }
-            Motion::Stand => (0.0, 0.0),
-        };
-        let moved = come - self.come;
-        self.come = come;
-        let asked = asked_per_s * elapsed_s;
-        if asked <= 0.0 || moved.abs() > 1.0 {
-            self.behind_s = 0.0;
-            return;
-        }
-        let slow = 1.0 - moved / asked;
-        let change_s = elapsed_s * ((slow - SLOW_FREE).max(0.0) - self.behind_s / BEHIND_S);
-        self.behind_s = (self.behind_s + change_s).clamp(0.0, BEHIND_S);
     }
 
     /// Returns what bounds the speed at a place, as known now.
@@ -154,7 +119,6 @@ impl Controller {
                 }
             }
         }
-        self.fall_behind(progress, elapsed_s);
         self.learn_places(estimate, sample, elapsed_s);
         (self.horizon.start, self.horizon.moving) = self.roll_forward(estimate, progress);
         self.horizon.previous = previous;
@@ -205,7 +169,6 @@ impl Controller {
             memory: self.memory.as_ref().filter(|memory| memory.config.by_place),
             estimate,
             progress,
-            behind_s: self.behind_s,
             certain_share: certain_share(
                 estimate.bound_across_m(progress.point.heading_rad)
                     / config.supervisor.cross_track_uncertainty_max_m,
@@ -358,7 +321,6 @@ struct HorizonInputs<'a> {
     memory: Option<&'a Memory>,
     estimate: &'a Estimate,
     progress: &'a Progress,
-    behind_s: f64,
     /// Share of the speeds with which a vehicle drives that does not know well where it is.
     certain_share: f64,
 }
@@ -402,28 +364,20 @@ impl<'a> HorizonInputs<'a> {
             slip = slide_share(self.progress.cross_track_m) * speed_m_s * known.slip_per_m;
         }
         let mut errors_share = 1.0;
-        let mut weights = asked.weights(&config.weights, end_s);
-        // Whatever a plan gains by waiting is worth less from second to second.
-        let ramp = (1.0 + self.behind_s).powi(2);
-        if asked.motion == Motion::Pivot {
-            weights.heading_per_rad2 *= ramp;
-        }
-        if asked.motion == Motion::Drive {
-            weights.speed_s2_per_m2 *= ramp;
-            if !asked.ends {
-                // Errors count by the way that is driven with them: to stand beside the path must not be cheap.
-                errors_share = asked.pace.clamp(PACE_MIN, 1.0).powi(3);
-            }
+        if asked.motion == Motion::Drive && !asked.ends {
+            // Errors count by the way that is driven with them: to stand beside the path must not be cheap.
+            errors_share = asked.pace.clamp(PACE_MIN, 1.0).powi(3);
         }
         StageTarget {
             pose,
             tracked_point: self.tracked_point,
             along_heading_rad: asked.pose.yaw_rad,
+            curvature_per_m: asked.curvature_per_m,
             normal_in_world,
             feedforward: asked.inputs,
             speed_m_s: asked.inputs.traction_m_s,
             slip,
-            weights,
+            weights: asked.weights(&config.weights, end_s),
             errors_share,
         }
     }

@@ -54,7 +54,6 @@ impl Controller {
         self.drives = Drives::new(&self.config);
         self.predictions.reset();
         self.issued.restart();
-        self.behind_s = 0.0;
         self.watchdog.reset();
         self.dig.reset();
         self.discard_plan();

@@ -26,7 +26,7 @@ const CROSS_RAMP_S: f64 = 0.6;
 /// Weights of the position, 1/m^2, and of the heading, 1/rad^2, during a turn on the spot, and their factor where it ends:
 /// what a vehicle has slid across its last heading stays.
 const PIVOT_POSITION_PER_M2: f64 = 5.0;
-const PIVOT_HEADING_PER_RAD2: f64 = 5.0;
+const PIVOT_HEADING_PER_RAD2: f64 = 20.0;
 const PIVOT_END: f64 = 10.0;
 /// Time that a turn on the spot takes to gain and lose speed, s, and how much longer than asked for it takes.
 const PIVOT_RAMPS_S: f64 = 1.0;
@@ -91,6 +91,8 @@ pub(super) struct StageRequest {
     /// Point of the path nearest to the plan, with its heading; on the spot the heading to which the allowed yaw rate
     /// takes the vehicle.
     pub(super) pose: PlanarPose,
+    /// How the heading asked for turns for each metre ahead of the vehicle, rad/m.
+    pub(super) curvature_per_m: f64,
     /// Inputs of the flat model.
     pub(super) inputs: MotorSpeeds,
     /// Speed allowed here without braking, m/s, positive.
@@ -106,6 +108,7 @@ impl StageRequest {
             motion: Motion::Stand,
             ends: true,
             pose: *pose,
+            curvature_per_m: 0.0,
             inputs: MotorSpeeds::STOP,
             scale_m_s: 1.0,
             pace: 1.0,
@@ -261,9 +264,11 @@ impl<'a> Walk<'a> {
         let scale_m_s = self.speed_at(self.at, at.curvature_per_m);
         let speed_m_s = share * scale_m_s.min(braking_m_s);
         let sign = at.direction.sign();
+        let ends = to_go_m <= AT_END;
         StageRequest {
             motion: Motion::Drive,
-            ends: to_go_m <= AT_END,
+            ends,
+            curvature_per_m: if ends { 0.0 } else { sign * at.curvature_per_m },
             pose: PlanarPose {
                 x_m: at.position.x_m,
                 y_m: at.position.y_m,
@@ -299,6 +304,7 @@ impl<'a> Walk<'a> {
                 yaw_rad: yaw_rad + self.allowed_rad - self.at,
                 ..place.pose()
             },
+            curvature_per_m: 0.0,
             inputs: MotorSpeeds {
                 traction_m_s: 0.0,
                 steer_m_s: self.steer_m_s,
@@ -318,6 +324,7 @@ mod tests {
             motion,
             ends: false,
             pose: PlanarPose::default(),
+            curvature_per_m: 0.0,
             inputs: MotorSpeeds::STOP,
             scale_m_s: 0.4,
             pace: 1.0,

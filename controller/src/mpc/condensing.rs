@@ -32,12 +32,14 @@ pub struct Stage {
     pub step: LinearisedStep,
     /// c_k: where the step ends, less the plan's next state.
     pub defect: Vector3<f64>,
-    /// Plan's next tracked point and heading less the reference there: x and y in m, heading in rad.
+    /// Plan's next tracked point less the reference, x and y in m, and heading less the one asked for there, rad.
     pub error: Vector3<f64>,
     /// Derivative of the tracked point's (x, y) by the heading, m/rad; zero of the origin.
     pub point_by_yaw_m: (f64, f64),
     /// Unit vector along the reference, (x, y).
     pub along: (f64, f64),
+    /// How the asked heading turns along the reference, rad/m.
+    pub curvature_per_m: f64,
     /// Weights at the end of this stage.
     pub weights: StageWeights,
     /// Derivatives of the speed along the reference by the yaw before, traction and steer, in m/s per rad and 1.
@@ -118,6 +120,7 @@ pub struct Condenser {
     jacobian: [Vec<f64>; 3],
     along: Vec<f64>,
     cross: Vec<f64>,
+    heading: Vec<f64>,
     speed: Vec<f64>,
     hessian: Vec<f64>,
 }
@@ -146,6 +149,7 @@ impl Condenser {
             jacobian: std::array::from_fn(|_| vec![0.0; widest + 1]),
             along: vec![0.0; widest + 1],
             cross: vec![0.0; widest + 1],
+            heading: vec![0.0; widest + 1],
             speed: vec![0.0; widest + 1],
             hessian: vec![0.0; (widest + 1) * (widest + 1)],
         };
@@ -226,13 +230,17 @@ impl Condenser {
             let along_by_yaw = along_x * point_x + along_y * point_y;
             let cross_by_yaw = along_x * point_y - along_y * point_x;
             let errors = self.along.iter_mut().zip(&mut self.cross);
-            for (((along, cross), (x, y)), yaw) in errors.zip(x.iter().zip(&*y)).zip(&*yaw) {
+            let errors = errors.zip(&mut self.heading);
+            for ((((along, cross), heading), (x, y)), yaw) in
+                errors.zip(x.iter().zip(&*y)).zip(&*yaw)
+            {
                 *along = along_x * x + along_y * y + along_by_yaw * yaw;
                 *cross = along_x * y - along_y * x + cross_by_yaw * yaw;
+                *heading = yaw - stage.curvature_per_m * *along;
             }
             let error_along = self.along[width] + along_x * stage.error.x + along_y * stage.error.y;
             let error_cross = self.cross[width] + along_x * stage.error.y - along_y * stage.error.x;
-            let error_heading = yaw[width] + stage.error.z;
+            let error_heading = self.heading[width] + stage.error.z;
             let scale = self.cost_scale;
             let w = &stage.weights;
             let (w_a, w_c, w_h, w_s) = (
@@ -246,16 +254,16 @@ impl Condenser {
                 let (a, c, h, s) = (
                     w_a * self.along[column],
                     w_c * self.cross[column],
-                    w_h * yaw[column],
+                    w_h * self.heading[column],
                     w_s * self.speed[column],
                 );
                 data.q[block.first + column] +=
                     a * error_along + c * error_cross + h * error_heading + s * error_speed;
                 let packed = &mut self.hessian[column * stride..column * stride + column + 1];
-                let errors = self.along.iter().zip(&self.cross).zip(&*yaw);
+                let errors = self.along.iter().zip(&self.cross).zip(&self.heading);
                 let errors = errors.zip(&self.speed);
-                for (entry, (((along, cross), yaw), speed)) in packed.iter_mut().zip(errors) {
-                    *entry += a * along + c * cross + h * yaw + s * speed;
+                for (entry, (((along, cross), heading), speed)) in packed.iter_mut().zip(errors) {
+                    *entry += a * along + c * cross + h * heading + s * speed;
                 }
             }
         }

@@ -120,6 +120,7 @@ impl Mpc {
                 error: error.state,
                 point_by_yaw_m: error.point_by_yaw_m,
                 along: target.along(),
+                curvature_per_m: target.curvature_per_m,
                 weights: weights.errors,
                 speed_row: target.speed_row(&state, next, &step, step_s),
                 speed_error: target.speed_error(&state, next, step_s),

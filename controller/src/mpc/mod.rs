@@ -63,6 +63,9 @@ pub struct StageTarget {
     pub tracked_point: TrackedPoint,
     /// Heading of travel, which separates errors along the path from errors across it, rad.
     pub along_heading_rad: f64,
+    /// How the asked heading turns for each metre that the tracked point is farther along, rad/m; 0 where the target
+    /// does not move on.
+    pub curvature_per_m: f64,
     /// Upward unit normal of the ground during the stage, world frame.
     pub normal_in_world: Vector3<f64>,
     /// Input of the flat model that would follow the target.
@@ -79,7 +82,8 @@ pub struct StageTarget {
 
 /// How far a state is from a target.
 struct TargetError {
-    /// (x, y) of the tracked point in the world less that of the target, m, and the difference of the headings, rad.
+    /// (x, y) of the tracked point in the world less that of the target, m, and the heading less the one asked for
+    /// there, rad.
     state: Vector3<f64>,
     /// Derivative of (x, y) of the tracked point by the heading, m/rad.
     point_by_yaw_m: (f64, f64),
@@ -89,12 +93,13 @@ impl StageTarget {
     /// Returns how far (x, y, yaw) of a vehicle is from the target.
     fn error_of(&self, state: &Vector3<f64>) -> TargetError {
         let lever = self.tracked_point.lever(&self.normal_in_world, state.z);
+        let x_m = state.x + lever.offset_m.0 - self.pose.x_m;
+        let y_m = state.y + lever.offset_m.1 - self.pose.y_m;
+        let (along_x, along_y) = self.along();
+        let farther_m = along_x * x_m + along_y * y_m;
+        let yaw_rad = wrap_angle(state.z - self.pose.yaw_rad) - self.curvature_per_m * farther_m;
         TargetError {
-            state: Vector3::new(
-                state.x + lever.offset_m.0 - self.pose.x_m,
-                state.y + lever.offset_m.1 - self.pose.y_m,
-                wrap_angle(state.z - self.pose.yaw_rad),
-            ),
+            state: Vector3::new(x_m, y_m, yaw_rad),
             point_by_yaw_m: lever.by_yaw_m,
         }
     }

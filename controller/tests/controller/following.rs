@@ -203,8 +203,27 @@ fn a_slow_turn_on_the_spot_beside_its_place_does_not_stand() {
         rig.cycle();
     }
     let turned_rad = rig.simulation.state().pose.yaw_rad - from_rad;
-    // Sixty seconds at 0.02 rad/s.
-    assert!((0.8..turn_rad).contains(&turned_rad), "{turned_rad}");
+    // Sixty seconds at 0.02 rad/s; it slides back to its place by turning, and so may be done sooner.
+    assert!((0.8..turn_rad + 0.05).contains(&turned_rad), "{turned_rad}");
+}
+
+#[test]
+fn a_circle_on_a_slope_is_driven_at_the_speed_asked_for() {
+    // The heading that keeps the path is off its tangent, and has a price: it buys no other speed, as the tangent ahead
+    // turns with the vehicle.
+    for kind in [ControllerKind::IcrikMpc, ControllerKind::ContactMpc] {
+        let mut setup = Setup::new(course("{shape: circle, radius_m: 2.5, speed_m_s: 0.5}"));
+        setup.kind = kind;
+        setup.config.weights.heading_per_rad2 = 0.4;
+        let mut rig = setup.build();
+        let mut come_m = |cycles: u32| {
+            let decisions = (0..cycles).map(|_| rig.cycle());
+            decisions.last().unwrap().progress.unwrap().arc_length_m
+        };
+        let from_m = come_m(60);
+        let speed_m_s = (come_m(400) - from_m) / 20.0;
+        assert!((speed_m_s - 0.5).abs() < 0.01, "{kind:?}: {speed_m_s}");
+    }
 }
 
 #[test]

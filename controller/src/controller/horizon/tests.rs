@@ -136,45 +136,6 @@ fn no_target_lies_beyond_a_cusp_and_the_end_of_a_drive_is_a_place() {
 }
 
 #[test]
-fn the_price_of_speed_grows_while_the_vehicle_does_not_move_on_and_falls_when_it_does() {
-    let course = Course::Straight(Straight::default());
-    let mut controller = following(ControllerKind::IcrikMpc, &course, 0.0, 1, start);
-    let price = |controller: &Controller| controller.horizon.targets[0].weights.speed_s2_per_m2;
-    let pose = start(controller.reference.as_ref().unwrap());
-    let first = price(&controller);
-    let mut before = first;
-    for cycle in 1..40 {
-        see(&mut controller, &pose, cycle..cycle + 1);
-        assert!(price(&controller) >= before);
-        before = price(&controller);
-    }
-    // A second's standstill counts; no more than all that is remembered ever does.
-    assert!(before > 2.0 * first, "{before} {first}");
-    assert!(
-        before <= first * (1.0 + BEHIND_S).powi(2),
-        "{before} {first}"
-    );
-    let mut moved = pose;
-    let asked_m_s = controller.horizon.targets[0].speed_m_s.max(0.4);
-    for cycle in 40..300 {
-        moved.x_m -= 0.05 * asked_m_s * moved.yaw_rad.sin();
-        moved.y_m += 0.05 * asked_m_s * moved.yaw_rad.cos();
-        let mut sample = sample(0.05 * cycle as f64, &moved);
-        for reading in sample.tread_speeds.iter_mut() {
-            reading.value.left_m_s = asked_m_s;
-            reading.value.right_m_s = asked_m_s;
-        }
-        controller.step(&sample, None);
-    }
-    let after = price(&controller);
-    assert!(
-        after < 0.5 * before,
-        "{after} {before} {first} {}",
-        controller.come
-    );
-}
-
-#[test]
 fn the_stages_stretch_until_the_horizon_is_long_enough_for_a_turn() {
     for speed_m_s in [0.05, 0.1, 0.2, 0.4, 0.8] {
         let course = Course::Straight(Straight {

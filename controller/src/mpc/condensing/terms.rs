@@ -11,18 +11,20 @@ impl Stage {
         let (point_x, point_y) = self.point_by_yaw_m;
         let error = &self.error;
         let weights = &self.weights;
+        let along = [x, y, x * point_x + y * point_y];
+        let turn = along.map(|by| -self.curvature_per_m * by);
         let lines = [
-            (
-                weights.along_per_m2,
-                [x, y, x * point_x + y * point_y],
-                x * error.x + y * error.y,
-            ),
+            (weights.along_per_m2, along, x * error.x + y * error.y),
             (
                 weights.cross_per_m2,
                 [-y, x, x * point_y - y * point_x],
                 x * error.y - y * error.x,
             ),
-            (weights.heading_per_rad2, [0.0, 0.0, 1.0], error.z),
+            (
+                weights.heading_per_rad2,
+                [turn[0], turn[1], 1.0 + turn[2]],
+                error.z,
+            ),
         ];
         let step = &self.step;
         let mut terms = StageTerms {

@@ -40,6 +40,7 @@ impl Course {
                     tracked_point: TrackedPoint::ORIGIN,
                     pose: point.pose(),
                     along_heading_rad: point.heading_rad,
+                    curvature_per_m: 0.0,
                     normal_in_world: self.normal_in_world,
                     feedforward: motors(point.speed_m_s, point.yaw_rate_rad_s),
                     speed_m_s: point.speed_m_s,

@@ -5,7 +5,7 @@ use super::*;
 
 /// A stage of no vehicle in particular.
 pub fn stage() -> impl Strategy<Value = Stage> {
-    prop::collection::vec(0.0..1.0_f64, 35).prop_map(|u| {
+    prop::collection::vec(0.0..1.0_f64, 36).prop_map(|u| {
         let mut next = u.into_iter();
         let mut within = |low: f64, high: f64| low + (high - low) * next.next().unwrap();
         let mut vector = |size: f64| {
@@ -29,6 +29,7 @@ pub fn stage() -> impl Strategy<Value = Stage> {
             defect,
             error,
             along: (-heading.sin(), heading.cos()),
+            curvature_per_m: within(-1.0, 1.0),
             weights: StageWeights {
                 along_per_m2: within(0.0, 60.0),
                 cross_per_m2: within(0.0, 60.0),

@@ -17,6 +17,7 @@ fn beside(speed_m_s: f64, right_m: f64, ahead_m: f64, yaw_rad: f64) -> Horizon {
         },
         tracked_point: TrackedPoint::ORIGIN,
         along_heading_rad: 0.0,
+        curvature_per_m: 0.0,
         normal_in_world: Vector3::new(slope.sin(), 0.0, slope.cos()),
         feedforward: motors(speed_m_s, 0.0),
         speed_m_s,

@@ -19,6 +19,7 @@ proptest! {
             pose: PlanarPose::default(),
             tracked_point: TrackedPoint { right_m, forward_m },
             along_heading_rad: along_rad,
+            curvature_per_m: 0.0,
             normal_in_world,
             feedforward: MotorSpeeds::STOP,
             speed_m_s: 0.3,

@@ -40,13 +40,11 @@ pub fn optimal_corrections(
         let (x, y, yaw) = (state(k, 0), state(k, 1), state(k, 2));
         let error = stage.error;
         let w = &stage.weights;
+        let along = [along_x, along_y, along_x * point_x + along_y * point_y];
+        let [turn_x, turn_y, turn_yaw] = along.map(|by| -stage.curvature_per_m * by);
         problem.square(
             w.along_per_m2,
-            &[
-                (x, along_x),
-                (y, along_y),
-                (yaw, along_x * point_x + along_y * point_y),
-            ],
+            &[(x, along[0]), (y, along[1]), (yaw, along[2])],
             along_x * error.x + along_y * error.y,
         );
         let cross = [
@@ -56,7 +54,11 @@ pub fn optimal_corrections(
         ];
         let cross_error = along_x * error.y - along_y * error.x;
         problem.square(w.cross_per_m2, &cross, cross_error);
-        problem.square(w.heading_per_rad2, &[(yaw, 1.0)], error.z);
+        problem.square(
+            w.heading_per_rad2,
+            &[(x, turn_x), (y, turn_y), (yaw, 1.0 + turn_yaw)],
+            error.z,
+        );
         let [by_yaw, by_traction, by_steer] = stage.speed_row;
         let mut speed = vec![(input(k, 0), by_traction), (input(k, 1), by_steer)];
         if k > 0 {
