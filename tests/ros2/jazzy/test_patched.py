@@ -21,12 +21,18 @@ FIRST_CALL_S = 2.0
 
 
 @pytest.fixture
-def controller(start, ros, tmp_path, monkeypatch):
+def patched(start, tmp_path, monkeypatch):
+    """Starts the controller."""
     patched = os.environ.get("SIDEHILL_PATCHED")
     if not patched:
         pytest.skip("SIDEHILL_PATCHED names no program built by bridge/patches/cargo")
     monkeypatch.setattr(programs, "SIDEHILL", patched)
-    controller = start("run", programs.adapted("run_ros2.yaml", {}, tmp_path))
+    return lambda: start("run", programs.adapted("run_ros2.yaml", {}, tmp_path))
+
+
+@pytest.fixture
+def controller(patched, ros):
+    controller = patched()
     # Known to the node of the test: from now on clients find a server that has been there for long.
     client = ros.node.create_client(GetState, f"{SERVER}/get_state")
     ros.wait_for(client.service_is_ready, "service", timeout_s=60.0)
@@ -74,6 +80,45 @@ def test_the_middleware_survives_a_debugger(controller, domain):
     assert controller.running()
     # A loop that ends would do so at once; a node that calls now has to be discovered first.
     assert first_call_s(domain) < FIRST_CALL_S
+
+
+INFO_TS, DATA = 0x09, 0x15
+INVALIDATE = 2
+
+
+def announced(datagram):
+    """Of each publication that a datagram announces: whether it has a source timestamp."""
+    at, stamped, found = 20, False, []
+    while at + 4 <= len(datagram):
+        kind, flags, length = struct.unpack_from("<BBH", datagram, at)
+        body = datagram[at + 4 : at + 4 + length] if length or kind == INFO_TS else datagram[at + 4 :]
+        if kind == INFO_TS:
+            stamped = not flags & INVALIDATE
+        elif kind == DATA and body[8:12] == WRITER:
+            found.append(stamped)
+        at += 4 + len(body)
+    return found
+
+
+def test_endpoints_are_announced_with_a_time_by_which_fast_dds_can_order_them(patched, domain):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind(("", 7400 + 250 * domain))
+        group = socket.inet_aton("239.255.0.1") + socket.inet_aton("127.0.0.1")
+        listener.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
+        listener.setblocking(False)
+        patched()
+        stamped = []
+
+        def some():
+            try:
+                stamped.extend(announced(listener.recv(65536)))
+            except BlockingIOError:
+                pass
+            return len(stamped) >= 10
+
+        programs.wait_for(some, "endpoints that are announced", timeout_s=60.0)
+    assert all(stamped)
 
 
 # What a program takes that hears such datagrams and does nothing is far below; without the patch it takes all there is.
