@@ -79,6 +79,10 @@ pub struct Controller {
     /// The drives as they respond.
     drives: Drives,
     predictions: Predictions,
+    /// How far the drive had come in the cycle before, m.
+    come_m: f64,
+    /// Time for which the drive has hardly moved on, s.
+    waited_s: f64,
     last_time_s: Option<f64>,
 }
 
@@ -127,6 +131,8 @@ impl Controller {
             ),
             dig: DigWatch::new(&config.estimator),
             phase: Phase::Driving { fallback_cycles: 0 },
+            come_m: f64::INFINITY,
+            waited_s: 0.0,
             last_time_s: None,
             adapts,
             guard,

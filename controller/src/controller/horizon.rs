@@ -27,6 +27,13 @@ const LENGTH_MIN: f64 = 1.6;
 const STRETCH_MAX: f64 = 8.0;
 /// Lowest share of the asked speed by which errors across the path are weighed.
 const PACE_MIN: f64 = 0.02;
+/// Share of the asked speed below which a vehicle waits.
+const WAITING: f64 = 0.5;
+/// Time over which waiting is remembered, and the part of it that is free, as a vehicle sets off, s.
+const WAITED_S: f64 = 6.0;
+const WAITED_FREE_S: f64 = 1.0;
+/// Growth of the square root of the price of speed beyond that, 1/s.
+const PRESSING_PER_S: f64 = 4.0;
 /// Largest factor between the stretches of two cycles.
 const STRETCH_CHANGE: f64 = 1.05;
 
@@ -54,9 +61,28 @@ impl Controller {
         );
         // The plan ends where the drive before has ended.
         if reference.drive() != before {
+            self.come_m = f64::INFINITY;
             self.discard_plan();
         }
         Some(progress)
+    }
+
+    /// Keeps account of how long a drive has hardly moved on: the price of speed grows with that, so that no plan waits
+    /// for ever before a place that is hard to pass.
+    fn wait(&mut self, progress: &Progress, elapsed_s: f64) {
+        let moved_m = progress.arc_length_m - self.come_m;
+        self.come_m = progress.arc_length_m;
+        let waiting_m = match progress.point.motion {
+            Motion::Drive => WAITING * progress.point.speed_m_s.abs() * elapsed_s,
+            Motion::Pivot | Motion::Stand => 0.0,
+        };
+        if waiting_m <= 0.0 || moved_m.abs() > 1.0 {
+            self.waited_s = 0.0;
+            return;
+        }
+        let waits = (1.0 - moved_m / waiting_m).max(0.0);
+        let change_s = elapsed_s * (waits - self.waited_s / WAITED_S);
+        self.waited_s = (self.waited_s + change_s).clamp(0.0, WAITED_S);
     }
 
     /// Returns what bounds the speed at a place, as known now.
@@ -119,6 +145,7 @@ impl Controller {
                 }
             }
         }
+        self.wait(progress, elapsed_s);
         self.learn_places(estimate, sample, elapsed_s);
         (self.horizon.start, self.horizon.moving) = self.roll_forward(estimate, progress);
         self.horizon.previous = previous;
@@ -169,6 +196,7 @@ impl Controller {
             memory: self.memory.as_ref().filter(|memory| memory.config.by_place),
             estimate,
             progress,
+            waited_s: self.waited_s,
             certain_share: certain_share(
                 estimate.bound_across_m(progress.point.heading_rad)
                     / config.supervisor.cross_track_uncertainty_max_m,
@@ -321,6 +349,8 @@ struct HorizonInputs<'a> {
     memory: Option<&'a Memory>,
     estimate: &'a Estimate,
     progress: &'a Progress,
+    /// How long the drive has hardly moved on.
+    waited_s: f64,
     /// Share of the speeds with which a vehicle drives that does not know well where it is.
     certain_share: f64,
 }
@@ -364,9 +394,13 @@ impl<'a> HorizonInputs<'a> {
             slip = slide_share(self.progress.cross_track_m) * speed_m_s * known.slip_per_m;
         }
         let mut errors_share = 1.0;
-        if asked.motion == Motion::Drive && !asked.ends {
-            // Errors count by the way that is driven with them: to stand beside the path must not be cheap.
-            errors_share = asked.pace.clamp(PACE_MIN, 1.0).powi(3);
+        let mut weights = asked.weights(&config.weights, end_s);
+        if asked.motion == Motion::Drive {
+            weights.speed_s2_per_m2 *= pressing(self.waited_s);
+            if !asked.ends {
+                // Errors count by the way that is driven with them: to stand beside the path must not be cheap.
+                errors_share = asked.pace.clamp(PACE_MIN, 1.0).powi(3);
+            }
         }
         StageTarget {
             pose,
@@ -377,10 +411,15 @@ impl<'a> HorizonInputs<'a> {
             feedforward: asked.inputs,
             speed_m_s: asked.inputs.traction_m_s,
             slip,
-            weights: asked.weights(&config.weights, end_s),
+            weights,
             errors_share,
         }
     }
+}
+
+/// Returns the factor on the price of speed of a drive that has waited for so long.
+fn pressing(waited_s: f64) -> f64 {
+    (1.0 + PRESSING_PER_S * (waited_s - WAITED_FREE_S).max(0.0)).powi(2)
 }
 
 /// Returns the factor on the weight of a change of steer of contact-mpc at a distance from the path.

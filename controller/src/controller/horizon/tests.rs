@@ -136,6 +136,38 @@ fn no_target_lies_beyond_a_cusp_and_the_end_of_a_drive_is_a_place() {
 }
 
 #[test]
+fn the_price_of_speed_grows_while_the_vehicle_waits_and_falls_when_it_moves_on() {
+    let course = Course::Straight(Straight::default());
+    let mut controller = following(ControllerKind::IcrikMpc, &course, 0.0, 1, start);
+    let price = |controller: &Controller| controller.horizon.targets[0].weights.speed_s2_per_m2;
+    let mut pose = start(controller.reference.as_ref().unwrap());
+    let first = price(&controller);
+    // To set off takes less than a second.
+    see(&mut controller, &pose, 1..20);
+    assert_eq!(price(&controller), first);
+    let mut before = first;
+    for cycle in 20..60 {
+        see(&mut controller, &pose, cycle..cycle + 1);
+        assert!(price(&controller) >= before);
+        before = price(&controller);
+    }
+    assert!(before > 20.0 * first, "{before} {first}");
+    assert!(before <= pressing(WAITED_S) * first, "{before} {first}");
+    let asked_m_s = controller.horizon.targets[0].speed_m_s.max(0.4);
+    for cycle in 60..300 {
+        pose.x_m -= 0.05 * asked_m_s * pose.yaw_rad.sin();
+        pose.y_m += 0.05 * asked_m_s * pose.yaw_rad.cos();
+        let mut sample = sample(0.05 * f64::from(cycle), &pose);
+        for reading in sample.tread_speeds.iter_mut() {
+            reading.value.left_m_s = asked_m_s;
+            reading.value.right_m_s = asked_m_s;
+        }
+        controller.step(&sample, None);
+    }
+    assert_eq!(price(&controller), first);
+}
+
+#[test]
 fn the_stages_stretch_until_the_horizon_is_long_enough_for_a_turn() {
     for speed_m_s in [0.05, 0.1, 0.2, 0.4, 0.8] {
         let course = Course::Straight(Straight {

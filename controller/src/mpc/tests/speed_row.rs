@@ -4,7 +4,7 @@ use super::closed_loop::{mpc, settings};
 use super::*;
 
 proptest! {
-    /// Against central differences of the model's own steps, also of a tracked point off the origin.
+    /// Against differences of the model's own steps, also of a tracked point off the origin.
     #[test]
     fn the_speed_row_is_the_derivative_of_the_speed(
         yaw_rad in -3.0..3.0_f64,
@@ -53,8 +53,11 @@ proptest! {
                 moved[i] += by;
                 speed_error(moved)
             };
-            let expected = (moved(1e-5) - moved(-1e-5)) / 2e-5;
-            prop_assert!((derivative - expected).abs() < 1e-4, "{}: {} {}", i, derivative, expected);
+            // The model has kinks: there the slopes to both sides differ.
+            let here = moved(0.0);
+            let slopes = [(here - moved(-1e-5)) / 1e-5, (moved(1e-5) - here) / 1e-5];
+            let [low, high] = [slopes[0].min(slopes[1]) - 1e-4, slopes[0].max(slopes[1]) + 1e-4];
+            prop_assert!((low..high).contains(&derivative), "{}: {} {:?}", i, derivative, slopes);
         }
     }
 }
