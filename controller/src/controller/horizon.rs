@@ -72,8 +72,14 @@ impl Controller {
     fn wait(&mut self, progress: &Progress, elapsed_s: f64) {
         let moved_m = progress.arc_length_m - self.come_m;
         self.come_m = progress.arc_length_m;
-        let waiting_m = match progress.point.motion {
-            Motion::Drive => WAITING * progress.point.speed_m_s.abs() * elapsed_s,
+        let point = &progress.point;
+        let waiting_m = match point.motion {
+            Motion::Drive => {
+                let asked_m_s = point.speed_m_s.abs();
+                // A motor that is too weak keeps no vehicle waiting.
+                let most_m_s = self.speed_limits().at(point.yaw_rate_rad_s / asked_m_s);
+                WAITING * asked_m_s.min(most_m_s) * elapsed_s
+            }
             Motion::Pivot | Motion::Stand => 0.0,
         };
         if waiting_m <= 0.0 || moved_m.abs() > 1.0 {
