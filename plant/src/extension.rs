@@ -90,6 +90,8 @@ impl ExtensionGains {
     /// |omega|, |tau| and m are rounded off within `smoothing_m_s` (eps): with s = sigma / sqrt(sigma^2 +
     /// eps^2), |omega| ~ s omega, |tau| ~ sqrt(tau^2 + eps^2) - eps and m ~ (tau^2 + sigma^2) / (tau^2 +
     /// sigma^2 + eps^2).
+    // Inlined, so that a caller of the velocity alone does not pay for its derivatives.
+    #[inline(always)]
     pub(crate) fn added(
         &self,
         icrik: &Linearised,

@@ -62,9 +62,11 @@ impl Mpc {
             self.shifted.states[k + 1] = state;
             self.shifted.inputs[k] = input;
             asked = target(self.times.end_s(k), &state, input);
-            let weights = self.weights_of(k, &asked, asked.error_of(&state).state.z, horizon);
+            let along = asked.along();
+            let error = asked.error_of(along, &state).state;
+            let weights = self.weights_of(k, &asked, error.z, horizon);
             let way = (&from, &state, self.times.step_s(k));
-            cost += stage_cost(&weights, &asked, way, input, before);
+            cost += stage_cost(&weights, &asked, along, way, input, before);
             if cost >= too_much {
                 return;
             }
@@ -79,8 +81,8 @@ impl Mpc {
 /// Returns motor speeds that turn a vehicle towards the path of `target`, the more the farther it is beside it.
 fn towards(target: &StageTarget, state: &Vector3<f64>, half_track_m: f64) -> MotorSpeeds {
     let feedforward = target.feedforward;
-    let error = target.error_of(state).state;
     let along = target.along();
+    let error = target.error_of(along, state).state;
     let left_m = along.0 * error.y - along.1 * error.x;
     let mut turn_rad = -error.z;
     if feedforward.traction_m_s != 0.0 {

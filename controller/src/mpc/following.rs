@@ -86,7 +86,7 @@ impl Mpc {
         for (k, stage) in self.stages.iter().enumerate() {
             let (input, target) = (plan.inputs[k], &horizon.targets[k]);
             let way = (&plan.states[k], &plan.states[k + 1], self.times.step_s(k));
-            cost += stage_cost(&stage.weights(), target, way, input, before);
+            cost += stage_cost(&stage.weights(), target, stage.along, way, input, before);
             before = input;
         }
         cost
@@ -106,7 +106,7 @@ impl Mpc {
             state += self.increment(k, target, state.z, input, &mut moving);
             self.rolled[k + 1] = state;
             let way = (&from, &state, self.times.step_s(k));
-            cost += stage_cost(&stage.weights(), target, way, input, before);
+            cost += stage_cost(&stage.weights(), target, stage.along, way, input, before);
             if cost > largest {
                 return f64::INFINITY;
             }
@@ -141,13 +141,13 @@ impl Mpc {
 pub(super) fn stage_cost(
     weights: &CostWeights,
     target: &StageTarget,
+    (along_x, along_y): (f64, f64),
     (from, to, step_s): (&Vector3<f64>, &Vector3<f64>, f64),
     input: MotorSpeeds,
     before: MotorSpeeds,
 ) -> f64 {
-    let error = target.error_of(to).state;
-    let speed = target.speed_error(from, to, step_s);
-    let (along_x, along_y) = target.along();
+    let error = target.error_of((along_x, along_y), to).state;
+    let speed = target.speed_error((along_x, along_y), from, to, step_s);
     let along = along_x * error.x + along_y * error.y;
     let cross = along_x * error.y - along_y * error.x;
     let (errors, changes) = (&weights.errors, &weights.changes);

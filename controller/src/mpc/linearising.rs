@@ -112,18 +112,19 @@ impl Mpc {
             self.plan.states[k + 1] = state + step.increment;
             let next = &self.plan.states[k + 1];
             let time_s = self.change_time_s(k);
-            let error = target.error_of(next);
+            let along = target.along();
+            let error = target.error_of(along, next);
             let weights = self.weights_of(k, target, error.state.z, horizon);
             self.stages.push(Stage {
                 step,
                 defect: state + step.increment - next,
                 error: error.state,
                 point_by_yaw_m: error.point_by_yaw_m,
-                along: target.along(),
+                along,
                 curvature_per_m: target.curvature_per_m,
                 weights: weights.errors,
-                speed_row: target.speed_row(&state, next, &step, step_s),
-                speed_error: target.speed_error(&state, next, step_s),
+                speed_row: target.speed_row(along, &state, next, &step, step_s),
+                speed_error: target.speed_error(along, &state, next, step_s),
                 input,
                 change_weights: weights.changes,
                 damping: self.damping.s2_per_m2 * step_s / settings.step_s * self.times.stretch(),

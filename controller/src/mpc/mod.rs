@@ -90,13 +90,12 @@ struct TargetError {
 }
 
 impl StageTarget {
-    /// Returns how far (x, y, yaw) of a vehicle is from the target.
-    fn error_of(&self, state: &Vector3<f64>) -> TargetError {
+    /// Returns how far (x, y, yaw) of a vehicle is from the target. `along` is [`StageTarget::along`] here and below.
+    fn error_of(&self, along: (f64, f64), state: &Vector3<f64>) -> TargetError {
         let lever = self.tracked_point.lever(&self.normal_in_world, state.z);
         let x_m = state.x + lever.offset_m.0 - self.pose.x_m;
         let y_m = state.y + lever.offset_m.1 - self.pose.y_m;
-        let (along_x, along_y) = self.along();
-        let farther_m = along_x * x_m + along_y * y_m;
+        let farther_m = along.0 * x_m + along.1 * y_m;
         let yaw_rad = wrap_angle(state.z - self.pose.yaw_rad) - self.curvature_per_m * farther_m;
         TargetError {
             state: Vector3::new(x_m, y_m, yaw_rad),
@@ -105,14 +104,19 @@ impl StageTarget {
     }
 
     /// Returns the speed of the tracked point along the path less that of the target, m/s, between two states.
-    fn speed_error(&self, from: &Vector3<f64>, to: &Vector3<f64>, step_s: f64) -> f64 {
+    fn speed_error(
+        &self,
+        (along_x, along_y): (f64, f64),
+        from: &Vector3<f64>,
+        to: &Vector3<f64>,
+        step_s: f64,
+    ) -> f64 {
         let lever = |state: &Vector3<f64>| {
             self.tracked_point
                 .lever(&self.normal_in_world, state.z)
                 .offset_m
         };
         let (before, after) = (lever(from), lever(to));
-        let (along_x, along_y) = self.along();
         let moved_m = along_x * (to.x - from.x + after.0 - before.0)
             + along_y * (to.y - from.y + after.1 - before.1);
         moved_m / step_s - self.speed_m_s
@@ -122,12 +126,12 @@ impl StageTarget {
     /// from one state to the other.
     fn speed_row(
         &self,
+        (along_x, along_y): (f64, f64),
         from: &Vector3<f64>,
         to: &Vector3<f64>,
         step: &LinearisedStep,
         step_s: f64,
     ) -> [f64; 3] {
-        let (along_x, along_y) = self.along();
         let along_by_yaw = |state: &Vector3<f64>| {
             let lever = self.tracked_point.lever(&self.normal_in_world, state.z);
             along_x * lever.by_yaw_m.0 + along_y * lever.by_yaw_m.1

@@ -76,13 +76,14 @@ impl TryFrom<RawPath> for Path {
 
     fn try_from(raw: RawPath) -> Result<Self, PathError> {
         let RawPath {
-            pieces,
+            mut pieces,
             closed,
             length_m,
         } = raw;
         let mut end_m = 0.0;
-        for piece in &pieces {
+        for piece in &mut pieces {
             piece.check()?;
+            piece.find_headings();
             // A text may have rounded them.
             if !same_length(piece.start_m, end_m) {
                 return Err(piece.not_regular(0));
@@ -124,6 +125,9 @@ pub(crate) struct Piece {
     pub(crate) length_m: f64,
     pub(crate) direction: Direction,
     pub(crate) samples: Vec<PathSample>,
+    /// Sines and cosines of the samples' headings, which cost most of a point.
+    #[serde(skip)]
+    headings: Vec<(f64, f64)>,
 }
 
 /// What is stored at a sample; the heading is the vehicle's.
@@ -158,12 +162,7 @@ impl Path {
                     sample.heading_rad += turns * 2.0 * PI;
                 }
             }
-            let piece = Piece {
-                start_m: length_m,
-                length_m: piece_length_m,
-                direction,
-                samples,
-            };
+            let piece = Piece::new(length_m, piece_length_m, direction, samples);
             piece.check()?;
             joined.push(piece);
             length_m += piece_length_m;
@@ -181,9 +180,12 @@ impl Path {
 
     /// Returns this path as seen from a frame in which the origin of its own is at `frame`.
     pub(crate) fn seen_from(mut self, frame: &PlanarPose) -> Self {
-        for sample in self.pieces.iter_mut().flat_map(|piece| &mut piece.samples) {
-            sample.position = sample.position.seen_from(frame);
-            sample.heading_rad += frame.yaw_rad;
+        for piece in &mut self.pieces {
+            for sample in &mut piece.samples {
+                sample.position = sample.position.seen_from(frame);
+                sample.heading_rad += frame.yaw_rad;
+            }
+            piece.find_headings();
         }
         self
     }
@@ -272,6 +274,29 @@ impl Path {
 }
 
 impl Piece {
+    pub(crate) fn new(
+        start_m: f64,
+        length_m: f64,
+        direction: Direction,
+        samples: Vec<PathSample>,
+    ) -> Self {
+        let mut piece = Self {
+            start_m,
+            length_m,
+            direction,
+            samples,
+            headings: Vec::new(),
+        };
+        piece.find_headings();
+        piece
+    }
+
+    fn find_headings(&mut self) {
+        self.headings.clear();
+        let headings = self.samples.iter().map(|sample| sample.heading_rad);
+        self.headings.extend(headings.map(f64::sin_cos));
+    }
+
     /// Checks what every search along a path relies on: a length, finite samples, and a distance between
     /// consecutive ones that is about their arc length.
     fn check(&self) -> Result<(), PathError> {
@@ -305,8 +330,7 @@ impl Piece {
         let (a, b) = (&self.samples[index], &self.samples[index + 1]);
         let hermite = Hermite::at(from_start - index as f64, step_m);
         let sign = self.direction.sign();
-        let (sin_a, cos_a) = a.heading_rad.sin_cos();
-        let (sin_b, cos_b) = b.heading_rad.sin_cos();
+        let ((sin_a, cos_a), (sin_b, cos_b)) = (self.headings[index], self.headings[index + 1]);
         PathPoint {
             arc_length_m,
             position: Point2 {

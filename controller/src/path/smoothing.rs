@@ -399,12 +399,12 @@ fn resampled(raw: &RawPiece, spacing_m: f64) -> (Vec<Point2>, f64) {
 fn with_offsets(mut piece: SmoothPiece, raw: &RawPiece, window_m: f64) -> SmoothPiece {
     // Not checked: it may still turn back.
     let path = Path {
-        pieces: vec![Piece {
-            start_m: 0.0,
-            length_m: piece.length_m,
-            direction: Direction::Forward,
-            samples: std::mem::take(&mut piece.samples),
-        }],
+        pieces: vec![Piece::new(
+            0.0,
+            piece.length_m,
+            Direction::Forward,
+            std::mem::take(&mut piece.samples),
+        )],
         closed: false,
         length_m: piece.length_m,
         speeds: Vec::new(),

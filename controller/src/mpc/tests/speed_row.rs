@@ -31,6 +31,7 @@ proptest! {
                 speed_s2_per_m2: 1.0,
             }, errors_share: 1.0,
         };
+        let along = target.along();
         let mut model = mpc(settings(2, 1)).model;
         let step = model.step_on_plane(
             &normal_in_world,
@@ -42,11 +43,11 @@ proptest! {
             let from = Vector3::new(0.2, -0.4, at[0]);
             let input = motors(at[1], at[2]);
             let step = model.step_on_plane(&normal_in_world, at[0], input, step_s);
-            target.speed_error(&from, &(from + step.increment), step_s)
+            target.speed_error(along, &from, &(from + step.increment), step_s)
         };
         let at = [yaw_rad, traction_m_s, steer_m_s];
         let from = Vector3::new(0.2, -0.4, yaw_rad);
-        let row = target.speed_row(&from, &(from + step.increment), &step, step_s);
+        let row = target.speed_row(along, &from, &(from + step.increment), &step, step_s);
         for (i, derivative) in row.into_iter().enumerate() {
             let mut moved = |by: f64| {
                 let mut moved = at;
