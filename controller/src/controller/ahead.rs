@@ -5,7 +5,7 @@
 //! take from the covariance P what it gains, at the rate G in the mean, so that P stays and
 //!
 //! ```text
-//! variance = c' P c + s (1 + q) integral f_a' G f_a da,   a from 0 to the time ahead
+//! variance = s (c' P c + (1 + q) integral f_a' G f_a da),   a from 0 to the time ahead
 //! ```
 //!
 //! c is the direction across the path, f_a by how much a correction has changed the distance from the path after the time
@@ -13,8 +13,8 @@
 //! the heading.
 //!
 //! G knows nothing of what drives do with commands and of errors that the model of the estimator has. Most of these come
-//! with turning, so q is the mean square of the planned steer over [`STEER_M_S`]^2, and s is learned from earlier
-//! predictions.
+//! with turning, so q is the mean square of the planned steer over [`STEER_M_S`]^2. s is learned from how far estimates
+//! were from earlier predictions; the error of the estimate is in that, so s counts for P, too.
 
 use super::predictions::{AHEAD_S, Ahead, Prediction};
 use super::{Controller, Law};
@@ -93,8 +93,8 @@ impl Controller {
                 let cross_track_m = reference.cross_track_further_m(&place, way_m)?;
                 let now_m2 = across.dot(&(estimate.covariance * across));
                 let turning = steer_squares / planned_s / STEER_M_S.powi(2);
-                let variance_m2 = (1.0 + turning) * variance.sum;
-                let bound_m = bound_of_m(now_m2 + self.predictions.share() * variance_m2);
+                let variance_m2 = now_m2 + (1.0 + turning) * variance.sum;
+                let bound_m = bound_of_m(self.predictions.share() * variance_m2);
                 self.predictions.add(Prediction {
                     for_s: estimate.time_s + AHEAD_S,
                     cross_track_m,

@@ -69,7 +69,7 @@ impl Controller {
 
     /// Keeps account of how long a drive has hardly moved on: the price of speed grows with that, so that no plan waits
     /// for ever before a place that is hard to pass.
-    fn wait(&mut self, progress: &Progress, elapsed_s: f64) {
+    fn wait(&mut self, progress: &Progress, speeds: &SpeedsNow, elapsed_s: f64) {
         let moved_m = progress.arc_length_m - self.come_m;
         self.come_m = progress.arc_length_m;
         let point = &progress.point;
@@ -77,7 +77,7 @@ impl Controller {
             Motion::Drive => {
                 let asked_m_s = point.speed_m_s.abs();
                 // A motor that is too weak keeps no vehicle waiting.
-                let most_m_s = self.speed_limits().at(point.yaw_rate_rad_s / asked_m_s);
+                let most_m_s = speeds.at(point.yaw_rate_rad_s / asked_m_s);
                 WAITING * asked_m_s.min(most_m_s) * elapsed_s
             }
             Motion::Pivot | Motion::Stand => 0.0,
@@ -100,15 +100,14 @@ impl Controller {
     }
 
     /// Returns the factor by which stages are stretched so that the horizon is long enough at the speeds ahead.
-    fn stretch(&self, mpc: &Mpc) -> f64 {
+    fn stretch(&self, mpc: &Mpc, speeds: SpeedsNow) -> f64 {
         let Some(reference) = &self.reference else {
             return 1.0;
         };
         let length_m = LENGTH_MIN * self.horizon.half_track_m;
         let most_s = STRETCH_MAX * mpc.stage_times().whole_s();
         let (start, moving) = (&self.horizon.start, self.horizon.previous);
-        let time_s =
-            Walk::new(reference, self.speed_limits(), start, moving).time_for_s(length_m, most_s);
+        let time_s = Walk::new(reference, speeds, start, moving).time_for_s(length_m, most_s);
         let wanted = (time_s / mpc.stage_times().whole_s()).max(1.0);
         let now = mpc.stage_times().stretch();
         match mpc.plan() {
@@ -151,7 +150,8 @@ impl Controller {
                 }
             }
         }
-        self.wait(progress, elapsed_s);
+        let speeds = self.speed_limits();
+        self.wait(progress, &speeds, elapsed_s);
         self.learn_places(estimate, sample, elapsed_s);
         (self.horizon.start, self.horizon.moving) = self.roll_forward(estimate, progress);
         self.horizon.previous = previous;
@@ -160,11 +160,11 @@ impl Controller {
         let Law::Mpc(mpc) = &self.law else {
             return;
         };
-        let stretch = self.stretch(mpc);
+        let stretch = self.stretch(mpc, speeds);
         // A vehicle so much slower has the same problem in so much more time.
         self.horizon.change_weights.traction *= stretch.powi(3);
         self.horizon.change_weights.steer *= stretch.powi(3);
-        self.fill_targets(estimate, progress, elapsed_s, stretch);
+        self.fill_targets(estimate, progress, speeds, elapsed_s, stretch);
     }
 
     /// Moves the plan on and puts into the horizon's targets what the path asks for where the plan has the vehicle. A
@@ -173,10 +173,10 @@ impl Controller {
         &mut self,
         estimate: &Estimate,
         progress: &Progress,
+        speeds: SpeedsNow,
         elapsed_s: f64,
         stretch: f64,
     ) {
-        let speeds = self.speed_limits();
         let tracked_point = self.tracked_point();
         let (Some(reference), Law::Mpc(mpc)) = (&self.reference, &mut self.law) else {
             self.horizon.targets.clear();
