@@ -8,7 +8,6 @@
 mod active_limits;
 mod clarabel_qp;
 mod condensing;
-mod dual_active_set;
 mod failure;
 mod first_plan;
 mod following;

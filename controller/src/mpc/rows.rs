@@ -67,11 +67,4 @@ impl Rows {
             .zip(places)
             .map(|(column, place)| (*column, data.a.nzval[*place]))
     }
-
-    /// Returns the product of a row and a vector of the QP's variables.
-    pub fn product(&self, data: &QpData, row: usize, vector: &[f64]) -> f64 {
-        self.entries(data, row)
-            .map(|(column, value)| value * vector[column])
-            .sum()
-    }
 }

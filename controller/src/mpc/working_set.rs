@@ -2,8 +2,8 @@
 //!
 //! [`LimitSearch`] mostly finds the set. With the active rows W known, the QP is one linear system. Where
 //! its solution has wrong signs, rows with negative multipliers leave W and violated ones join it
-//! (Hintermueller, Ito and Kunisch, SIAM J. Optim. 13, 2002). That can cycle: where the number of
-//! wrong signs does not fall, [`DualActiveSet`] takes over, which cannot.
+//! (Hintermueller, Ito and Kunisch, SIAM J. Optim. 13, 2002). That can cycle: it ends where the number of
+//! wrong signs does not fall, and the interior-point method solves the QP.
 //!
 //! W enters as a penalty rho/2 (a' x - b)^2 on each of its rows a, so that all systems have one
 //! sparsity pattern: P's, with room for the products of each row. The multiplier of a row is
@@ -17,7 +17,6 @@
 //! ```
 
 use super::clarabel_qp::{LinearSystem, SolveLimits};
-use super::dual_active_set::DualActiveSet;
 use super::failure::QpFailure;
 use super::limit_search::LimitSearch;
 use super::penalised::{Places, penalised};
@@ -26,7 +25,7 @@ use super::rows::Rows;
 
 /// A penalty's curvature along its row, relative to P's own.
 const STIFFNESS: f64 = 1e6;
-/// Largest number of systems before [`DualActiveSet`] takes over.
+/// Largest number of systems after the search.
 const CORRECTIONS: u32 = 6;
 /// Factor by which the number of wrong signs must fall from one system to the next.
 const PROGRESS: f64 = 0.7;
@@ -43,7 +42,6 @@ pub struct WorkingSet {
     search: Option<LimitSearch>,
     /// Whether the search had its turn in this solve.
     searched: bool,
-    dual: DualActiveSet,
     places: Places,
     /// Values of P with the penalties.
     p: Vec<f64>,
@@ -53,8 +51,7 @@ pub struct WorkingSet {
     diagonal: Vec<f64>,
     q: Vec<f64>,
     e: Vec<f64>,
-    /// Whether each row is in W: at the start, now, and next according to the signs.
-    guess: Vec<bool>,
+    /// Whether each row is in W: now, and next according to the signs.
     members: Vec<bool>,
     next: Vec<bool>,
     /// rho of the rows in W.
@@ -75,13 +72,11 @@ impl WorkingSet {
             system: LinearSystem::new(&penalised)?,
             search: LimitSearch::new(data),
             searched: false,
-            dual: DualActiveSet::new(data),
             p: penalised.p.nzval,
             equalities: penalised.a.nzval,
             diagonal: vec![0.0; data.q.len()],
             q: vec![0.0; data.q.len()],
             e: vec![0.0; data.equalities],
-            guess: vec![false; count],
             members: vec![false; count],
             next: vec![false; count],
             stiffness: vec![0.0; count],
@@ -135,27 +130,12 @@ impl WorkingSet {
         if self.binds() {
             self.search(data, point, limits)?;
         }
-        self.guess.copy_from_slice(&self.members);
-        if let Some(residuals) = self.correct(data, point, work, tolerance, limits)? {
-            return Ok(Some(residuals));
+        let solved = self.correct(data, point, work, tolerance, limits)?;
+        if solved.is_none() {
+            // These rows are no good begin.
+            self.members.fill(false);
         }
-        // Back to the initial guess, which was close; the corrections may have diverged.
-        self.members.fill(false);
-        if !self.factorise(data, limits)? {
-            return Ok(None);
-        }
-        let (rows, guess) = (&self.rows, &self.guess);
-        let found = self
-            .dual
-            .solve(&mut self.system, data, rows, guess, point, limits)
-            .map_err(|()| self.late())?;
-        if !found {
-            return Ok(None);
-        }
-        for row in self.dual.active() {
-            self.members[*row] = true;
-        }
-        self.finish(data, point, work, tolerance, limits)
+        Ok(solved)
     }
 
     /// Searches the active rows stage by stage; where they are not found the members stay as they are.
@@ -212,34 +192,9 @@ impl WorkingSet {
             std::mem::swap(&mut self.members, &mut self.next);
             if !self.searched {
                 self.search(data, point, limits)?;
-                self.guess.copy_from_slice(&self.members);
             }
         }
         Ok(None)
-    }
-
-    /// Solves for the current rows and refines the point.
-    fn finish(
-        &mut self,
-        data: &QpData,
-        point: &mut Point,
-        work: &mut Point,
-        tolerance: f64,
-        limits: &SolveLimits,
-    ) -> Result<Option<Residuals>, QpFailure> {
-        if !self.factorise(data, limits)? || !self.first_point(data, point) {
-            return Ok(None);
-        }
-        for _ in 0..REFINEMENTS {
-            let residuals = data.residuals(point, work);
-            if residuals.within(SHARPER * tolerance) {
-                return Ok(Some(residuals));
-            }
-            if !self.refine(data, point, work) {
-                return Ok(None);
-            }
-        }
-        Ok(Some(data.residuals(point, work)).filter(|residuals| residuals.within(tolerance)))
     }
 
     /// Factorises the system of the rows in W; returns whether that went well.

@@ -129,7 +129,7 @@ pub fn settings(stages: usize, block_stages: usize) -> MpcSettings {
         limits: input_limits(2.0),
         qp: QpSettings {
             tolerance: 1e-6,
-            max_iterations: 10,
+            max_iterations: 60,
             accepted_residual: 1e-3,
             accepted_gap: 0.2,
             mode: QpMode::WorkingSet,
