@@ -23,8 +23,8 @@ const TOLERANCE: f64 = 1e-9;
 const EXCESS_SHARE: f64 = 0.5;
 /// Largest number of times that limits are dropped after several were taken in at once.
 const DROPS: u32 = 4;
-/// Largest number of steps, per stage.
-const STEPS_PER_STAGE: usize = 4;
+/// Largest number of recursions and of steps: as many as there are limits.
+const MOST_PER_STAGE: usize = ROWS_PER_STAGE;
 
 /// Workspace of the search.
 #[derive(Clone)]
@@ -111,6 +111,9 @@ impl LimitSearch {
             if limits.passed() {
                 return Err(());
             }
+            if self.systems as usize == MOST_PER_STAGE * data.stages.len() {
+                return Ok(false);
+            }
             self.systems += 1;
             let (stages, rules) = (&data.stages, &self.active.rules);
             let Some(cost) = self.recursion.solve(stages, rules, last) else {
@@ -136,7 +139,7 @@ impl LimitSearch {
         }
         // Steps with one limit until the next with several: twice as many after each that failed.
         let (mut single, mut after_failure) = (0, 1);
-        for _ in 0..STEPS_PER_STAGE * data.stages.len() {
+        for _ in 0..MOST_PER_STAGE * data.stages.len() {
             let Some((limit, excess, side)) = self.worst() else {
                 return Ok(true);
             };
