@@ -157,6 +157,9 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     match file.ending().as_deref() {
         Some("gpx") => return check_route(&file),
         Some("csv") => return check_csv(&file),
+        Some("kml" | "kmz" | "geojson") => {
+            return Err(file.error("a route is a .gpx or .csv file: save it as GPX").into());
+        }
         Some("asc" | "tif" | "tiff") => {
             let grid = GridTerrain::parse(file.text()).map_err(|error| file.error(error))?;
             if let Some(suspicion) = grid.suspicion() {

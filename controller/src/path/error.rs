@@ -43,7 +43,7 @@ pub enum PathError {
         limit_m: f64,
     },
     /// A coordinate is NaN, infinite or larger than the earth.
-    #[error("point {index} of the path must be finite and within 1e8 m of the origin: x = {x_m} m, y = {y_m} m", x_m = position.x_m, y_m = position.y_m)]
+    #[error("point {index} of the path must be finite and within 1e8 m of the origin: x = {x_m:?} m, y = {y_m:?} m", x_m = position.x_m, y_m = position.y_m)]
     NotFinite {
         /// Index of the point, from 0.
         index: usize,
