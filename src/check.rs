@@ -158,7 +158,9 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
         Some("gpx") => return check_route(&file),
         Some("csv") => return check_csv(&file),
         Some("kml" | "kmz" | "geojson") => {
-            return Err(file.error("a route is a .gpx or .csv file: save it as GPX").into());
+            return Err(file
+                .error("a route is a .gpx or .csv file: save it as GPX")
+                .into());
         }
         Some("asc" | "tif" | "tiff") => {
             let grid = GridTerrain::parse(file.text()).map_err(|error| file.error(error))?;

@@ -13,6 +13,10 @@ pub enum Robot {
     Jackal,
     /// Clearpath Warthog W200 on wheels.
     Warthog,
+    /// AgileX Scout 2.0.
+    Scout,
+    /// Husarion Panther on its wheels WH01.
+    Panther,
     /// Argo J8 of the University of Malaga: measured parameters instead of first guesses.
     J8,
     /// A rover on tracks; its measures are an example to be replaced.
@@ -155,6 +159,34 @@ impl Robot {
                 centre_of_mass_height_m: 0.4,
                 separation_multiplier: None,
                 speed_m_s: None,
+            }),
+            Self::Scout => Some(Measures {
+                name: "scout",
+                title: "AgileX Scout 2.0",
+                source: "agilexrobotics/ugv_gazebo_sim, scout_v2.xacro (wheelbase, track, wheel radius); ugv_sdk, \
+                         robot_limits.hpp (speed); Scout 2.0 user manual (mass)",
+                mass_kg: 68.0,
+                track_m: 0.58306,
+                wheelbase_m: 0.498,
+                axles: 2,
+                radius_m: 0.16459,
+                centre_of_mass_height_m: 0.2,
+                separation_multiplier: None,
+                speed_m_s: Some(1.5),
+            }),
+            Self::Panther => Some(Measures {
+                name: "panther",
+                title: "Husarion Panther on wheels WH01",
+                source: "husarion_ugv_ros, WH01_controller.yaml (wheel separation and its multiplier, radius, speed), \
+                         panther_macro.urdf.xacro (wheelbase), base.urdf.xacro and WH01.yaml (mass)",
+                mass_kg: 55.0,
+                track_m: 0.697,
+                wheelbase_m: 0.44,
+                axles: 2,
+                radius_m: 0.1825,
+                centre_of_mass_height_m: 0.2,
+                separation_multiplier: Some(1.5),
+                speed_m_s: Some(2.0),
             }),
             Self::Tracks => Some(Measures {
                 name: "tracks",
