@@ -578,18 +578,6 @@ def test_a_jump_of_this_computers_clock_ends_the_goal(set_clock, rig, tmp_path):
     assert "this computer's clock was set back" in answer.result.error_msg
 
 
-def test_a_jump_of_the_simulated_clock_ends_the_goal(rig):
-    r = rig(
-        faults=["{after_enabled_s: 4, for_s: 1000, fault: !clock_jump_s -3.0}"],
-        of_vehicle={r"^  # clock_factor: 4$": "  clock_factor: 1"},
-        of_controller={r"^  use_sim_time: false": "  use_sim_time: true"},
-    )
-    goal = r.sent_off()
-    answer = goal.result(timeout_s=30)
-    assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, TF_ERROR)
-    r.stands()
-
-
 @pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGTERM])
 def test_a_client_that_leaves_ends_its_goal(rig, domain, ending, tmp_path):
     r = rig()
