@@ -13,7 +13,7 @@ import time
 
 import wire
 from peer import FollowPath, Peer, path_of
-from programs import SIDEHILL, Vehicle, cross_track_m, repeating, straight, wait_for
+from programs import SIDEHILL, Vehicle, adapted, cross_track_m, repeating, straight, wait_for
 from test_guide import blocks
 
 PAGE = "rtk.md"
@@ -208,10 +208,40 @@ def drive_lanes(start, peer, tmp_path, lost):
     assert facts["fixes"]["rtk_share"] == 1.0 and facts["fixes"]["sigma_max_m"] < 0.1, facts["fixes"]
 
 
+def test_a_stretch_of_a_route_is_driven_again(start, vehicle, tmp_path):
+    rover = vehicle()
+    begins = rover.now()
+    heading = begins["yaw_rad"] + math.pi / 2
+    come_m = lambda: math.dist((rover.now()["x_m"], rover.now()["y_m"]), (begins["x_m"], begins["y_m"]))
+    config = adapted("run_ros2.yaml", {}, tmp_path)
+    run = start("run", config)
+    points = straight(6.0, (begins["x_m"], begins["y_m"]), heading, step_m=1.0)
+    rows = [f"{x},{y},{'probe' if index == 2 else ''}" for index, (x, y) in enumerate(points)]
+    (tmp_path / "lane.csv").write_text("\n".join(["x_m,y_m,action", *rows]))
+    drive = ["drive-route", config, "lane"]
+
+    driver = start(*drive)
+    wait_for(lambda: come_m() > 4.0, "4 m", 60)
+    driver.signal(signal.SIGUSR2)
+    wait_for(lambda: "paused at 4." in driver.output(), "pause")
+    assert driver.end() == 1
+    ended = re.search(r"ended at (4\.\d) m, (\d\.\d) m before the end of lane 1 of 1; with --from-m \1", driver.output())
+    assert abs(float(ended[1]) + float(ended[2]) - 6.0) < 0.11 and driver.output().count("action: probe") == 1
+    wait_for(rover.stands, "standing")
+
+    wrong = start(*drive, "--from-m", "7")
+    assert wrong.process.wait(20) == 2
+    assert "--from-m: 7 is out of range, must be from 0 to 6 m" in wrong.output(), wrong.output()
+
+    again = start(*drive, "--from-m", "1.5")
+    wait_for(lambda: "lane 1 of 1: 4.5 m" in again.output(), "the lane", 60)
+    assert "way to 1.5 m: " in again.output() and come_m() < 1.9
+    assert again.process.wait(60) == 0, again.output() + run.output()
+    assert again.output().count("action: probe") == 1 and come_m() > 5.7
+
+
 def test_a_joystick_takes_over_and_the_goal_ends(start, peer, tmp_path, vehicle):
     """With a node that does what twist_mux does: the newest of the highest priority reaches the base."""
-    from programs import adapted
-
     rover = vehicle()
     commands = {r"^    twist: .*$": "    twist: {topic: cmd_vel_nav}\n    forwarded: {topic: cmd_vel}"}
     run = start("run", adapted("run_ros2.yaml", commands, tmp_path))
