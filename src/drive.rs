@@ -125,6 +125,10 @@ pub struct DriveRouteArgs {
     /// later, or to drive a stretch again. The vehicle goes there along the lane, forward or back.
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     pub from_m: Option<f64>,
+    /// Way that a vehicle which makes no progress is driven back in reverse before the drive pauses, m, from 0.5 to 5:
+    /// along the lane, once. Without it, it stands where it is.
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    pub retreat_m: Option<f64>,
 }
 
 /// Arguments of `sidehill can`.

@@ -1,6 +1,8 @@
-"""`use_sim_time` beside a simulator that is paused, reset, or faster than time."""
+"""`use_sim_time` beside a simulator that is paused, reset, or faster than time, and a vehicle that digs in."""
 
 import math
+import re
+import signal
 import threading
 import time
 
@@ -23,6 +25,8 @@ class Simulator:
         self.clock, self.odometry = peer.writer("/clock", wire.Clock), peer.writer("/odom", wire.Odometry)
         self.commands = peer.reader("/cmd_vel", wire.Twist)
         self.reset()
+        # Where wheels that turn forward dig in, m, and since when they have, s.
+        self.digs_at_m, self.digs_since_s = math.inf, None
         self.thread = threading.Thread(target=self.run, daemon=True)
         self.thread.start()
 
@@ -41,6 +45,9 @@ class Simulator:
     def step(self):
         self.command = (self.commands.take() or [self.command])[-1]
         forward_m, turned = self.command.linear.x * STEP_S, self.command.angular.z * STEP_S
+        if forward_m > 0.0 and self.x > self.digs_at_m:
+            forward_m = turned = 0.0
+            self.digs_since_s = self.digs_since_s or self.time_s
         self.x += forward_m * math.cos(self.yaw + 0.5 * turned)
         self.y += forward_m * math.sin(self.yaw + 0.5 * turned)
         self.yaw += turned
@@ -75,9 +82,9 @@ def simulated(peer, start, tmp_path):
     """Starts a simulator and the controller on its clock; returns both with a client of the action."""
     simulators = []
 
-    def simulated(factor=1.0):
+    def simulated(factor=1.0, changes={}):
         simulators.append(Simulator(peer, factor))
-        changes = {"attitude: imu": "attitude: odometry", "use_sim_time: false": "use_sim_time: true"}
+        changes = {"attitude: imu": "attitude: odometry", "use_sim_time: false": "use_sim_time: true", **changes}
         run = start("run", adapted("run_ros2.yaml", changes, tmp_path), "--out", tmp_path / "run")
         return simulators[0], run, FollowPath(peer).wait()
 
@@ -135,3 +142,27 @@ def test_a_simulator_that_is_reset_ends_the_goal_and_drives_the_next(simulated):
     wait_for(lambda: simulator.command == wire.Twist(), "standing")
     answer = action.send(ahead(simulator.x + 3.0)).result(60)
     assert answer.status == FollowPath.SUCCEEDED, answer.result.error_msg + run.output()
+
+
+def test_a_vehicle_that_digs_in_stops_and_is_driven_back(simulated, start, tmp_path):
+    simulator, run, _ = simulated(changes={"use_orientations: false": "use_orientations: true"})
+    (tmp_path / "lane.csv").write_text("x_m,y_m\n0,0\n3,0\n6,0\n")
+    simulator.digs_at_m = 3.0
+    driver = start("drive-route", tmp_path / "run_ros2.yaml", "lane", "--retreat-m", "1")
+    wait_for(lambda: simulator.digs_since_s, "wheels that dig", 30)
+    wait_for(lambda: simulator.command.linear.x <= 0.0, "a stop")
+    assert simulator.time_s - simulator.digs_since_s < 2.0
+    wait_for(lambda: "paused" in driver.output(), "the retreat", 20)
+    assert "the treads turn and the vehicle stays where it is" in driver.output()
+    back_m = float(re.search(r"driven back (\d\.\d) m; Enter", driver.output())[1])
+    assert abs(back_m - 1.0) < 0.2 and abs(float(re.search(r"paused at (\d\.\d) m", driver.output())[1]) - 2.0) < 0.2
+    # In reverse, along the lane.
+    assert abs(simulator.x - 2.0) < 0.3 and abs(simulator.y) < 0.1 and abs(simulator.yaw) < 0.2
+    place = simulator.x
+    time.sleep(1.0)
+    assert simulator.x == place
+    # The operator has seen to it.
+    simulator.digs_at_m = math.inf
+    driver.signal(signal.SIGUSR1)
+    assert driver.process.wait(30) == 0, driver.output() + run.output()
+    assert abs(simulator.x - 6.0) < 0.25

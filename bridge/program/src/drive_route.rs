@@ -14,10 +14,11 @@ use sidehill_bridge::ros2::conversions::{from_pose, stamp, to_pose};
 use sidehill_bridge::ros2::convert::world_from_base_link;
 use sidehill_bridge::ros2::message::{self, Header, PoseStamped};
 use sidehill_bridge::ros2::position::{AnyPosition, PositionTopic};
+use sidehill_bridge::ros2::settings::server::Definition;
 use sidehill_controller::path::{Aside, Direction, Path, PendingActions, RouteAction};
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
-use sidehill_ros2::client::{FollowPathClient, GoalEvent};
+use sidehill_ros2::client::{FollowPathClient, GoalEvent, GoalFailure};
 use sidehill_ros2::positions::PositionNode;
 use sidehill_ros2::server::requested_path::RequestedPath;
 use signal_hook::consts::{SIGUSR1, SIGUSR2};
@@ -41,6 +42,8 @@ const LOOP_M: f64 = 1.0;
 const BEFORE_M: f64 = 0.5;
 /// Largest distance of the vehicle from the lane on which it is to begin, m.
 const BESIDE_M: f64 = 1.0;
+/// Way of a retreat, m: shorter ones may count as driven, longer ones are no small correction.
+const RETREAT: Bounds = Bounds::new(0.5, 5.0, "m");
 /// Largest number of lanes, and of passes.
 const LANES_MAX: f64 = 1000.0;
 
@@ -70,6 +73,18 @@ pub fn run(args: &DriveRouteArgs, ros: &[String]) -> Result<ExitCode> {
         );
     }
     let goal_xy_m = ros2.tolerances.goal_xy_m;
+    if let Some(retreat_m) = args.retreat_m {
+        RETREAT.check("--retreat-m", retreat_m)?;
+        ensure!(
+            ros2.follow_path.use_orientations,
+            "--retreat-m: the vehicle drives back in reverse, which a goal says only with \
+             ros2.follow_path.use_orientations: true"
+        );
+        ensure!(
+            ros2.follow_path.definition != Definition::Humble,
+            "--retreat-m: a goal of ros2.follow_path.definition: humble does not say that the vehicle makes no progress"
+        );
+    }
     let mut legs = legs(args, (curve, &loaded.actions), goal_xy_m)?;
     let all_m = legs.last().map_or(0.0, |leg| leg.ends_m);
     let from_m = match args.from_m {
@@ -95,6 +110,8 @@ pub fn run(args: &DriveRouteArgs, ros: &[String]) -> Result<ExitCode> {
         client,
         operator,
         frame: ros2.frames.odometry,
+        goal_xy_m,
+        retreat_m: args.retreat_m,
     };
     driver.find_server(&action.action)?;
     for leg in way.iter().chain(&legs) {
@@ -211,16 +228,21 @@ impl RouteLeg {
         }))
     }
 
-    /// Returns the index of the pose a little before the place on at which so much is left.
-    fn rest(&self, left_m: f64) -> usize {
+    /// Returns the index of the pose at which so much is left.
+    fn pose_before_end(&self, left_m: f64) -> usize {
         let poses = &self.path.poses;
         let mut behind_m = 0.0;
         let mut from = poses.len() - 1;
-        while from > 0 && behind_m < left_m + BEFORE_M {
+        while from > 0 && behind_m < left_m {
             from -= 1;
             behind_m += apart_m(&poses[from], &poses[from + 1]);
         }
         from
+    }
+
+    /// Returns the index of the pose a little before the place on at which so much is left.
+    fn rest(&self, left_m: f64) -> usize {
+        self.pose_before_end(left_m + BEFORE_M)
     }
 }
 
@@ -421,6 +443,8 @@ struct Driver {
     client: FollowPathClient,
     operator: Operator,
     frame: String,
+    goal_xy_m: f64,
+    retreat_m: Option<f64>,
 }
 
 impl Driver {
@@ -448,7 +472,10 @@ impl Driver {
             let message = message_of(&self.frame, &leg.path, leg.rest(left_m));
             self.client.send(message);
             let mut joins = true;
+            // Wheels that dig may have been taken for progress at first.
+            let mut newest_left_m = left_m;
             let ended = self.follow(|client, now_left_m| {
+                newest_left_m = now_left_m;
                 left_m = left_m.min(now_left_m);
                 let come_m = (length_m - now_left_m).max(0.0);
                 if std::mem::take(&mut joins) {
@@ -456,10 +483,14 @@ impl Driver {
                 }
                 act(client, actions.pass(come_m));
             });
-            let Some(reason) = ended else {
+            let Some(GoalFailure { mut reason, stuck }) = ended else {
                 act(&self.client, actions.finish());
                 return Ok(true);
             };
+            if stuck && let Some(retreat_m) = self.retreat_m {
+                left_m =
+                    newest_left_m + self.retreat(leg, newest_left_m, retreat_m, &mut reason)?;
+            }
             let place = format!(
                 "at {:.1} m, {left_m:.1} m before the end of {name}",
                 leg.place_m(left_m)
@@ -484,20 +515,51 @@ impl Driver {
         }
     }
 
+    /// Drives back along a leg in reverse, from where so much of it is left; returns how far, m, and adds it to the reason
+    /// of the pause.
+    fn retreat(
+        &mut self,
+        leg: &RouteLeg,
+        left_m: f64,
+        retreat_m: f64,
+        reason: &mut String,
+    ) -> Result<f64> {
+        let at = leg.path.poses[leg.pose_before_end(left_m)];
+        let to_m = leg.begins_m + (leg.length_m() - left_m - retreat_m).max(0.0);
+        let Some(way) = leg.way_to(to_m, (at.x_m, at.y_m), (self.goal_xy_m, true))? else {
+            return Ok(0.0);
+        };
+        console::complain(format_args!(
+            "{} at {:.1} m: {reason}; the vehicle drives back",
+            leg.name,
+            leg.place_m(left_m)
+        ));
+        self.client.send(message_of(&self.frame, &way.path, 0));
+        let mut back_left_m = way.length_m();
+        match self.follow(|_, now_left_m| back_left_m = now_left_m) {
+            None => back_left_m = 0.0,
+            Some(failure) => *reason += &format!("; then {}", failure.reason),
+        }
+        let back_m = way.length_m() - back_left_m;
+        *reason += &format!("; driven back {back_m:.1} m");
+        Ok(back_m)
+    }
+
     /// Follows a goal to its end, and passes on what is left of it, m; returns why it ended early.
-    fn follow(&mut self, mut left: impl FnMut(&FollowPathClient, f64)) -> Option<String> {
+    fn follow(&mut self, mut left: impl FnMut(&FollowPathClient, f64)) -> Option<GoalFailure> {
         let mut cancelled: Option<Instant> = None;
         loop {
             match self.client.poll() {
                 Some(GoalEvent::Left(left_m)) => left(&self.client, left_m),
                 Some(GoalEvent::Succeeded) => return None,
                 Some(GoalEvent::Rejected) => {
-                    return Some("the server rejects the goal; its log says why".to_owned());
+                    let reason = "the server rejects the goal; its log says why";
+                    return Some(GoalFailure::new(reason));
                 }
                 Some(GoalEvent::Ended(_)) if cancelled.is_some() => {
-                    return Some("the operator has asked for it".to_owned());
+                    return Some(GoalFailure::new("the operator has asked for it"));
                 }
-                Some(GoalEvent::Ended(reason)) => return Some(reason),
+                Some(GoalEvent::Ended(failure)) => return Some(failure),
                 None => {}
             }
             match cancelled {
@@ -506,7 +568,7 @@ impl Driver {
                     cancelled = Some(Instant::now());
                 }
                 Some(since) if since.elapsed() > END => {
-                    return Some("the server does not answer".to_owned());
+                    return Some(GoalFailure::new("the server does not answer"));
                 }
                 _ => {}
             }
@@ -573,6 +635,7 @@ mod tests {
             lane_m,
             passes,
             from_m: None,
+            retreat_m: None,
         }
     }
 
