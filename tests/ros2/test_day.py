@@ -131,7 +131,7 @@ def drive_lanes(start, peer, tmp_path, lost):
     stop = peer.writer("/emergency_stop", wire.Bool, latched=True)
     with_poses(run)
     run_in_place = lambda arguments: subprocess.run([SIDEHILL, *arguments], check=True, capture_output=True, text=True)
-    # Three lanes: on the first the operator pauses, on the second fixes are lost, on the third somebody presses the stop.
+    # On the first lane the operator pauses, on the second fixes are lost, on the third somebody presses the stop.
     since = vehicle.now()["time_s"]
     driver = start(*drive_words)
     says = lambda text, timeout_s=60: wait_for(lambda: text in driver.output(), f"{text} in {driver.output()}", timeout_s)

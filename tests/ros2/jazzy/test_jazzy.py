@@ -66,17 +66,6 @@ def test_cancel_and_a_newer_goal_end_a_goal_as_its_client_expects(driven):
     assert d.ended(second)[0] == GoalStatus.STATUS_CANCELED
 
 
-def test_a_goal_is_driven_on_a_clock_three_times_as_fast(driven):
-    d = driven(
-        {r"^  use_sim_time: false": "  use_sim_time: true"},
-        {r"^  # clock_factor: 4$": "  clock_factor: 3"},
-    )
-    began, began_s = time.monotonic(), d.vehicle.now()["time_s"]
-    status, result = d.ended(d.send(ahead(8.0)), timeout_s=60)
-    assert status == GoalStatus.STATUS_SUCCEEDED, result.error_msg
-    assert d.vehicle.now()["time_s"] - began_s > 2.0 * (time.monotonic() - began)
-
-
 def test_an_emergency_stop_that_was_pressed_before_the_start_lets_nothing_drive(driven, ros):
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     button = ros.node.create_publisher(Bool, "/emergency_stop", latched)
