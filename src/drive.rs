@@ -121,6 +121,14 @@ pub struct DriveRouteArgs {
     /// Times that all lanes are driven.
     #[arg(long, default_value_t = 1)]
     pub passes: u32,
+    /// Place from which on they are driven, m along all of it, as a drive that ends early says it: to go on with it
+    /// later, or to drive a stretch again. The vehicle goes there along the lane, forward or back.
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    pub from_m: Option<f64>,
+    /// Way that a vehicle which makes no progress is driven back in reverse before the drive pauses, m, from 0.5 to 5:
+    /// along the lane, once. Without it, it stands where it is.
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    pub retreat_m: Option<f64>,
 }
 
 /// Arguments of `sidehill can`.

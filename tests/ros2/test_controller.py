@@ -407,10 +407,10 @@ SLOW_M_S = 0.2
 ROWS = [(0, "", ""), (1.5, "", "blade down"), (2.5, SLOW_M_S, "spray, slowly"), (4, 0.8, ""), (6, "", "blade up")]
 
 
-def write_rows(path):
-    """The rows as a file, from where the vehicle stands first."""
+def write_rows(path, rows=ROWS):
+    """Rows as a file, from where the vehicle stands first."""
     sin, cos = math.sin(START_YAW_RAD), math.cos(START_YAW_RAD)
-    lines = [f'{at * cos:.4f},{at * sin:.4f},{speed},"{action}"' for at, speed, action in ROWS]
+    lines = [f'{at * cos:.4f},{at * sin:.4f},{speed},"{action}"' for at, speed, action in rows]
     path.write_text("\n".join(["x_m,y_m,speed_m_s,action", *lines, ""]))
 
 
@@ -439,7 +439,8 @@ def assert_speeds_of_rows(rows):
 
 def test_a_route_has_its_speeds_and_each_action_once_over_a_stop(vehicle, start, peer, tmp_path):
     rover = vehicle()
-    write_rows(tmp_path / "route.csv")
+    # One action is on the ramp of the stop.
+    write_rows(tmp_path / "route.csv", sorted([*ROWS, (1.56, "", "mark")]))
     actions = peer.reader("/route_action", wire.String)
     config = adapted("run_ros2.yaml", {r"^cycle:$": "route: {file: route.csv}\ncycle:"}, tmp_path)
     run = start("run", config, "--out", tmp_path / "run", "--record", tmp_path / "drive.mcap", "--format", "text")
@@ -448,17 +449,18 @@ def test_a_route_has_its_speeds_and_each_action_once_over_a_stop(vehicle, start,
     time.sleep(2.0)
     run.signal(signal.SIGUSR1)
     said = texts_of(actions)
-    wait_for(lambda: said() == ["blade down", "spray, slowly"], "the second action", 60)
+    wait_for(lambda: "blade down" in said(), "the first action", 60)
     # It stops on the way, just beyond the action, and drives on.
     run.signal(signal.SIGUSR2)
     wait_for(rover.stands, "standing")
-    assert 2.4 < along_m(rover.now()) < 3.0
+    assert 1.56 < along_m(rover.now()) < 2.2
     time.sleep(1.0)
+    assert said() == ["blade down", "mark"]
     run.signal(signal.SIGUSR1)
     wait_for(lambda: "the goal is reached" in run.output(), "the end of the route", 60)
-    wait_for(lambda: len(said()) == 3, "the last action")
+    wait_for(lambda: len(said()) == 4, "the last action")
     assert run.end() == 0
-    assert said() == ["blade down", "spray, slowly", "blade up"]
+    assert said() == ["blade down", "mark", "spray, slowly", "blade up"]
     with open(tmp_path / "run" / "events.jsonl") as file:
         events = [json.loads(line) for line in file]
     assert [event["reason"] for event in events if event["event"] == "action"] == said()
@@ -576,18 +578,6 @@ def test_a_jump_of_this_computers_clock_ends_the_goal(set_clock, rig, tmp_path):
     answer = r.action.send(r.ahead()).result()
     assert answer.status == FollowPath.ABORTED
     assert "this computer's clock was set back" in answer.result.error_msg
-
-
-def test_a_jump_of_the_simulated_clock_ends_the_goal(rig):
-    r = rig(
-        faults=["{after_enabled_s: 4, for_s: 1000, fault: !clock_jump_s -3.0}"],
-        of_vehicle={r"^  # clock_factor: 4$": "  clock_factor: 1"},
-        of_controller={r"^  use_sim_time: false": "  use_sim_time: true"},
-    )
-    goal = r.sent_off()
-    answer = goal.result(timeout_s=30)
-    assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, TF_ERROR)
-    r.stands()
 
 
 @pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGTERM])

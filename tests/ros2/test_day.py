@@ -12,8 +12,8 @@ import threading
 import time
 
 import wire
-from peer import FollowPath, path_of
-from programs import SIDEHILL, Vehicle, cross_track_m, repeating, straight, wait_for
+from peer import FollowPath, Peer, path_of
+from programs import SIDEHILL, Vehicle, adapted, cross_track_m, repeating, straight, wait_for
 from test_guide import blocks
 
 PAGE = "rtk.md"
@@ -21,11 +21,14 @@ PAGE = "rtk.md"
 LANE_M = 0.8
 
 
-def run_plain(page):
-    """Runs a page's commands that need nothing."""
+def run_commands(page, needs=""):
+    """Runs a page's commands of a kind; by default those that need nothing."""
     path = f"{os.path.dirname(SIDEHILL)}:{os.environ['PATH']}"
-    for block in blocks(page, ""):
-        subprocess.run(["sh", "-euc", "\n".join(block)], check=True, env={**os.environ, "PATH": path})
+    said = ""
+    for block in blocks(page, needs):
+        script, environment = "\n".join(block), {**os.environ, "PATH": path}
+        said += subprocess.run(["sh", "-euc", script], check=True, env=environment, stdout=-1, text=True).stdout
+    return said
 
 
 def words(needs):
@@ -38,8 +41,9 @@ def twist(forward_m_s=0.0, yaw_rate_rad_s=0.0):
     return wire.Twist(linear=wire.Vector3(x=forward_m_s), angular=wire.Vector3(z=yaw_rate_rad_s))
 
 
-def joystick(writer, seconds, forward_m_s, yaw_rate_rad_s=0.0):
-    with repeating(lambda: writer.write(twist(forward_m_s, yaw_rate_rad_s))):
+def joystick(writers, seconds, forward_m_s, yaw_rate_rad_s=0.0):
+    asked = twist(forward_m_s, yaw_rate_rad_s)
+    with repeating(lambda: [writer.write(asked) for writer in writers]):
         time.sleep(seconds)
 
 
@@ -53,10 +57,10 @@ def moved_left(points, left_m):
     return moved
 
 
-def test_the_first_day_with_a_robot(start, peer, tmp_path, monkeypatch):
+def test_the_first_day_with_a_robot(start, peer, domain, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    run_plain("first_run.md")
-    run_plain(PAGE)
+    run_commands("first_run.md")
+    run_commands(PAGE)
     # Between the receiver and Sidehill, where fixes can get lost.
     received, sent = peer.reader("/receiver", wire.NavSatFix), peer.best_effort_writer("/fix", wire.NavSatFix)
     lost = threading.Event()
@@ -67,19 +71,26 @@ def test_the_first_day_with_a_robot(start, peer, tmp_path, monkeypatch):
                 sent.write(fix)
 
     with repeating(relay, 0.005):
-        the_day(start, peer, tmp_path, lost)
+        log_and_identify(start, peer, domain, tmp_path)
+        drive_lanes(start, peer, tmp_path, lost)
 
 
-def the_day(start, peer, tmp_path, lost):
+def with_poses(run):
+    wait_for(lambda: re.search(r'"x_m":-?[0-9]', run.output()), "poses")
+
+
+def log_and_identify(start, peer, domain, tmp_path):
+    """Records a route and logs by joystick, on the slope and on level ground at once, and identifies the vehicle."""
     truth = tmp_path / "truth.csv"
     [vehicle_words, run_words] = words("ros2")
     vehicle = Vehicle(start(*vehicle_words, "--truth", truth, "--ros-args", "-r", "fix:=/receiver"), truth)
-    run = start(*run_words)
-    commands = peer.writer("/cmd_vel", wire.Twist)
-    stop = peer.writer("/emergency_stop", wire.Bool, latched=True)
-    wait_for(commands.get_matched_subscriptions, "base")
-    wait_for(lambda: re.search(r'"x_m":-?[0-9]', run.output()), "poses")
-    begun = time.time()
+    on_level = domain % 101 + 1
+    programs = [vehicle.program, start(*run_words)]
+    programs += [start(*words, ROS_DOMAIN_ID=str(on_level)) for words in words("level")]
+    commands = [peer.writer("/cmd_vel", wire.Twist) for peer in (peer, Peer(on_level))]
+    for writer, run in zip(commands, programs[1::2]):
+        wait_for(writer.get_matched_subscriptions, "base")
+        with_poses(run)
 
     # Recorded by joystick: standing, 5 m in a wide bend, standing.
     recorder = start(*words("record")[0])
@@ -88,23 +99,41 @@ def the_day(start, peer, tmp_path, lost):
     joystick(commands, 12.5, 0.4, 0.04)
     joystick(commands, 1.5, 0.0)
     assert recorder.end() == 0, recorder.output()
-    run_in_place = lambda arguments: subprocess.run([SIDEHILL, *arguments], check=True, capture_output=True, text=True)
-    run_in_place(words("look")[0])
-    with open("husky/lane.csv") as file:
-        lane = [(float(row["x_m"]), float(row["y_m"])) for row in csv.DictReader(file)]
+    lane = lane_points()
     driven = [(row["x_m"], row["y_m"]) for row in vehicle.truth() if row["traction_m_s"] > 0.0]
     length_m = sum(math.dist(a, b) for a, b in zip(lane, lane[1:]))
     assert 4.5 < length_m < 5.5, recorder.output()
     # Where the vehicle was, not where its antenna was: that is 0.23 m aside here.
     assert statistics.median(cross_track_m([{"x_m": x, "y_m": y} for x, y in driven[50:-50:10]], lane)) < 0.02
+    run_commands(PAGE, "look")
 
-    # Back to the start by joystick, in reverse.
-    joystick(commands, 12.5, -0.4, -0.04)
-    joystick(commands, 1.0, 0.0)
+    for asked in [(0.3, 0.6), (0.3, -0.6), (-0.3, 0.6), (-0.3, -0.6), (0.0, 0.7), (0.6, 0.3)]:
+        joystick(commands, 12, *asked)
+    joystick(commands, 1, 0.0)
+    for program in programs:
+        assert program.end() == 0, program.output()
+    said = run_commands(PAGE, "identify")
+    print(said)
+    # Good enough for the hill of 15 deg.
+    assert int(re.search(r"verdict: good enough to drive at up to (\d+) deg", said)[1]) >= 15, said
 
-    # Three lanes: on the first the operator pauses, on the second fixes are lost, on the third somebody presses the stop.
+
+def lane_points():
+    with open("husky/lane.csv") as file:
+        return [(float(row["x_m"]), float(row["y_m"])) for row in csv.DictReader(file)]
+
+
+def drive_lanes(start, peer, tmp_path, lost):
+    truth = tmp_path / "truth_of_lanes.csv"
+    vehicle_words, run_words, drive_words = words("drive")
+    vehicle = Vehicle(start(*vehicle_words, "--truth", truth, "--ros-args", "-r", "fix:=/receiver"), truth)
+    run = start(*run_words)
+    stop = peer.writer("/emergency_stop", wire.Bool, latched=True)
+    with_poses(run)
+    run_in_place = lambda arguments: subprocess.run([SIDEHILL, *arguments], check=True, capture_output=True, text=True)
+    # On the first lane the operator pauses, on the second fixes are lost, on the third somebody presses the stop.
     since = vehicle.now()["time_s"]
-    driver = start(*words("drive")[0])
+    driver = start(*drive_words)
     says = lambda text, timeout_s=60: wait_for(lambda: text in driver.output(), f"{text} in {driver.output()}", timeout_s)
     says("lane 1 of 3")
     wait_for(lambda: vehicle.now()["traction_m_s"] > 0.3, "lane 1")
@@ -142,14 +171,14 @@ def the_day(start, peer, tmp_path, lost):
     time.sleep(0.5)
     driver.signal(signal.SIGUSR1)
     assert driver.process.wait(60) == 0, driver.output() + run.output()
-    print(driver.output(), time.time() - begun, "s")
+    print(driver.output())
 
     rows = [row for row in vehicle.truth() if row["time_s"] > since]
     # It has driven on without fixes for a while.
     blind = [row for row in rows if 0.0 < row["unix_s"] - lost_since < 4.0]
     assert all(row["traction_m_s"] > 0.1 for row in blind), driver.output()
     assert run.end() == 0, run.output()
-    lanes = [moved_left(lane, LANE_M * index) for index in range(3)]
+    lanes = [moved_left(lane_points(), LANE_M * index) for index in range(3)]
     distances = []
     for row in rows:
         if abs(row["traction_m_s"]) < 0.1:
@@ -179,10 +208,44 @@ def the_day(start, peer, tmp_path, lost):
     assert facts["fixes"]["rtk_share"] == 1.0 and facts["fixes"]["sigma_max_m"] < 0.1, facts["fixes"]
 
 
+def test_a_stretch_of_a_route_is_driven_again(start, vehicle, tmp_path):
+    rover = vehicle()
+    begins = rover.now()
+    heading = begins["yaw_rad"] + math.pi / 2
+    come_m = lambda: math.dist((rover.now()["x_m"], rover.now()["y_m"]), (begins["x_m"], begins["y_m"]))
+    config = adapted("run_ros2.yaml", {}, tmp_path)
+    run = start("run", config)
+    points = straight(6.0, (begins["x_m"], begins["y_m"]), heading, step_m=1.0)
+    # The second is on the ramp of the stop.
+    points.insert(5, straight(4.07, points[0], heading, step_m=4.07)[1])
+    actions = {2: "probe", 5: "ramp"}
+    rows = [f"{x},{y},{actions.get(index, '')}" for index, (x, y) in enumerate(points)]
+    (tmp_path / "lane.csv").write_text("\n".join(["x_m,y_m,action", *rows]))
+    drive = ["drive-route", config, "lane"]
+
+    driver = start(*drive)
+    wait_for(lambda: come_m() > 4.0, "4 m", 60)
+    driver.signal(signal.SIGUSR2)
+    wait_for(lambda: "paused at 4." in driver.output(), "pause")
+    assert driver.end() == 1
+    ended = re.search(r"ended at (4\.\d) m, (\d\.\d) m before the end of lane 1 of 1; with --from-m \1", driver.output())
+    assert abs(float(ended[1]) + float(ended[2]) - 6.0) < 0.11
+    assert re.findall(r"action: (\w+)|(paused)", driver.output()) == [("probe", ""), ("ramp", ""), ("", "paused")]
+    wait_for(rover.stands, "standing")
+
+    wrong = start(*drive, "--from-m", "7")
+    assert wrong.process.wait(20) == 2
+    assert "--from-m: 7 is out of range, must be from 0 to 6 m" in wrong.output(), wrong.output()
+
+    again = start(*drive, "--from-m", "1.5")
+    wait_for(lambda: "lane 1 of 1: 4.5 m" in again.output(), "the lane", 60)
+    assert "way to 1.5 m: " in again.output() and come_m() < 1.9
+    assert again.process.wait(60) == 0, again.output() + run.output()
+    assert again.output().count("action: probe") == again.output().count("action: ramp") == 1 and come_m() > 5.7
+
+
 def test_a_joystick_takes_over_and_the_goal_ends(start, peer, tmp_path, vehicle):
     """With a node that does what twist_mux does: the newest of the highest priority reaches the base."""
-    from programs import adapted
-
     rover = vehicle()
     commands = {r"^    twist: .*$": "    twist: {topic: cmd_vel_nav}\n    forwarded: {topic: cmd_vel}"}
     run = start("run", adapted("run_ros2.yaml", commands, tmp_path))

@@ -10,13 +10,16 @@ use sidehill::console;
 use sidehill::drive::DriveRouteArgs;
 use sidehill::exit::Exit;
 use sidehill_bridge::ros2::arguments::RosArguments;
-use sidehill_bridge::ros2::conversions::{stamp, to_pose};
+use sidehill_bridge::ros2::conversions::{from_pose, stamp, to_pose};
 use sidehill_bridge::ros2::convert::world_from_base_link;
 use sidehill_bridge::ros2::message::{self, Header, PoseStamped};
+use sidehill_bridge::ros2::position::{AnyPosition, PositionTopic};
+use sidehill_bridge::ros2::settings::server::Definition;
 use sidehill_controller::path::{Aside, Direction, Path, PendingActions, RouteAction};
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
-use sidehill_ros2::client::{FollowPathClient, GoalEvent};
+use sidehill_ros2::client::{FollowPathClient, GoalEvent, GoalFailure};
+use sidehill_ros2::positions::PositionNode;
 use sidehill_ros2::server::requested_path::RequestedPath;
 use signal_hook::consts::{SIGUSR1, SIGUSR2};
 use signal_hook::flag::register;
@@ -37,6 +40,10 @@ const END: Duration = Duration::from_secs(5);
 const LOOP_M: f64 = 1.0;
 /// Way before the place of a pause at which the rest begins, m: the vehicle joins at the nearest pose.
 const BEFORE_M: f64 = 0.5;
+/// Largest distance of the vehicle from the lane on which it is to begin, m.
+const BESIDE_M: f64 = 1.0;
+/// Way of a retreat, m: shorter ones may count as driven, longer ones are no small correction.
+const RETREAT: Bounds = Bounds::new(0.5, 5.0, "m");
 /// Largest number of lanes, and of passes.
 const LANES_MAX: f64 = 1000.0;
 
@@ -65,19 +72,50 @@ pub fn run(args: &DriveRouteArgs, ros: &[String]) -> Result<ExitCode> {
             args.route.display()
         );
     }
-    let legs = legs(args, (curve, &loaded.actions), ros2.tolerances.goal_xy_m)?;
+    let goal_xy_m = ros2.tolerances.goal_xy_m;
+    if let Some(retreat_m) = args.retreat_m {
+        RETREAT.check("--retreat-m", retreat_m)?;
+        ensure!(
+            ros2.follow_path.use_orientations,
+            "--retreat-m: the vehicle drives back in reverse, which a goal says only with \
+             ros2.follow_path.use_orientations: true"
+        );
+        ensure!(
+            ros2.follow_path.definition != Definition::Humble,
+            "--retreat-m: a goal of ros2.follow_path.definition: humble does not say that the vehicle makes no progress"
+        );
+    }
+    let mut legs = legs(args, (curve, &loaded.actions), goal_xy_m)?;
+    let all_m = legs.last().map_or(0.0, |leg| leg.ends_m);
+    let from_m = match args.from_m {
+        Some(from_m) => {
+            let all_m = (10.0 * all_m).round() / 10.0;
+            Bounds::new(0.0, all_m, "m").check("--from-m", from_m)?
+        }
+        None => 0.0,
+    };
     let arguments = RosArguments::parse(ros)?;
     let operator = Operator::watch()?;
     let action = &ros2.follow_path;
+    let mut way = None;
+    if args.from_m.is_some() {
+        legs.retain(|leg| leg.ends_m > from_m || leg.ends_m == all_m);
+        let topic = format!("{}/odometry", ros2.node);
+        let place = place_of_vehicle(topic, &arguments, &operator.interrupts)?;
+        let first = legs.first().context("the route has no lane")?;
+        way = first.way_to(from_m, place, (goal_xy_m, action.use_orientations))?;
+    }
     let client = FollowPathClient::start("route_client", action, &arguments, &environment()?)?;
     let mut driver = Driver {
         client,
         operator,
         frame: ros2.frames.odometry,
+        goal_xy_m,
+        retreat_m: args.retreat_m,
     };
     driver.find_server(&action.action)?;
-    for leg in &legs {
-        if !driver.drive(leg)? {
+    for leg in way.iter().chain(&legs) {
+        if !driver.drive(leg, from_m)? {
             return Ok(Exit::Not.into());
         }
     }
@@ -90,23 +128,121 @@ struct RouteLeg {
     name: String,
     path: RequestedPath,
     actions: Vec<RouteAction>,
+    /// Where it begins and ends along all that is driven, m; the same on the way to where the drive begins.
+    begins_m: f64,
+    ends_m: f64,
 }
 
 impl RouteLeg {
+    /// Returns the leg that follows others.
+    fn after(
+        before: &[Self],
+        name: String,
+        path: RequestedPath,
+        actions: Vec<RouteAction>,
+    ) -> Self {
+        let begins_m = before.last().map_or(0.0, |leg| leg.ends_m);
+        Self {
+            ends_m: begins_m + path.length_m(0),
+            begins_m,
+            name,
+            path,
+            actions,
+        }
+    }
+
     fn length_m(&self) -> f64 {
         self.path.length_m(0)
     }
 
-    /// Returns the index of the pose a little before the place on at which so much is left.
-    fn rest(&self, left_m: f64) -> usize {
+    /// Returns the place along all that is driven at which so much of the leg is left, m.
+    fn place_m(&self, left_m: f64) -> f64 {
+        (self.ends_m - left_m).clamp(self.begins_m, self.ends_m)
+    }
+
+    /// Returns the way along the leg to a place on it, m along all that is driven, for a vehicle that stands beside it;
+    /// nothing where it is there. With `reverses` the vehicle drives back in reverse.
+    fn way_to(
+        &self,
+        from_m: f64,
+        (x_m, y_m): (f64, f64),
+        (goal_xy_m, reverses): (f64, bool),
+    ) -> Result<Option<Self>> {
+        let poses = &self.path.poses;
+        let mut ahead_m = vec![from_m - self.begins_m];
+        for pair in poses.windows(2) {
+            ahead_m.push(ahead_m[ahead_m.len() - 1] - apart_m(&pair[0], &pair[1]));
+        }
+        let beside_m: Vec<f64> = poses
+            .iter()
+            .map(|pose| (pose.x_m - x_m).hypot(pose.y_m - y_m))
+            .collect();
+        let nearest_m = beside_m.iter().copied().fold(f64::INFINITY, f64::min);
+        ensure!(
+            nearest_m <= BESIDE_M,
+            "--from-m {from_m}: the vehicle stands {nearest_m:.1} m from {}, at most {BESIDE_M:.0} m are allowed: drive it \
+             there by hand",
+            self.name
+        );
+        let closest = |among: &dyn Fn(usize) -> bool| {
+            let candidates = (0..poses.len()).filter(|index| among(*index));
+            candidates.min_by(|a, b| ahead_m[*a].abs().total_cmp(&ahead_m[*b].abs()))
+        };
+        // A lane that crosses or closes itself passes the vehicle more than once.
+        let passes = |index: usize| {
+            let here_m = beside_m[index];
+            let farther = |index: Option<usize>| {
+                index
+                    .and_then(|index| beside_m.get(index))
+                    .is_none_or(|there_m| *there_m >= here_m)
+            };
+            here_m <= nearest_m + goal_xy_m
+                && farther(index.checked_sub(1))
+                && farther(Some(index + 1))
+        };
+        let ends = closest(&|_| true).zip(closest(&passes));
+        let Some((to, at)) = ends.filter(|(_, at)| ahead_m[*at].abs() > goal_xy_m) else {
+            return Ok(None);
+        };
+        let (first, last) = (at.min(to), at.max(to));
+        let speeds_m_s = self.path.speeds_m_s.iter().skip(first).take(last - first);
+        let mut path = RequestedPath {
+            poses: poses[first..=last].to_vec(),
+            speeds_m_s: speeds_m_s.copied().collect(),
+            ..RequestedPath::default()
+        };
+        if to < at {
+            path.poses.reverse();
+            path.speeds_m_s.reverse();
+            let turned_rad = if reverses { 0.0 } else { PI };
+            path.poses
+                .iter_mut()
+                .for_each(|pose| pose.yaw_rad += turned_rad);
+        }
+        Ok(Some(Self {
+            name: format!("way to {from_m:.1} m"),
+            path,
+            actions: Vec::new(),
+            begins_m: from_m,
+            ends_m: from_m,
+        }))
+    }
+
+    /// Returns the index of the pose at which so much is left.
+    fn pose_before_end(&self, left_m: f64) -> usize {
         let poses = &self.path.poses;
         let mut behind_m = 0.0;
         let mut from = poses.len() - 1;
-        while from > 0 && behind_m < left_m + BEFORE_M {
+        while from > 0 && behind_m < left_m {
             from -= 1;
             behind_m += apart_m(&poses[from], &poses[from + 1]);
         }
         from
+    }
+
+    /// Returns the index of the pose a little before the place on at which so much is left.
+    fn rest(&self, left_m: f64) -> usize {
+        self.pose_before_end(left_m + BEFORE_M)
     }
 }
 
@@ -202,24 +338,48 @@ fn legs(
                     poses: across(from, to),
                     ..RequestedPath::default()
                 };
-                legs.push(RouteLeg {
-                    name: format!("way to lane {}", lane + 1),
-                    path,
-                    actions: Vec::new(),
-                });
+                let name = format!("way to lane {}", lane + 1);
+                legs.push(RouteLeg::after(&legs, name, path, Vec::new()));
             }
             let mut name = format!("lane {} of {}", lane + 1, args.lanes);
             if args.passes > 1 {
                 name += &format!(", pass {} of {}", pass + 1, args.passes);
             }
-            legs.push(RouteLeg {
-                name,
-                path: driven.path,
-                actions: driven.actions,
-            });
+            legs.push(RouteLeg::after(&legs, name, driven.path, driven.actions));
         }
     }
     Ok(legs)
+}
+
+/// Returns where the vehicle is by the estimate that the server publishes on a topic, (x, y), m.
+fn place_of_vehicle(
+    topic: String,
+    arguments: &RosArguments,
+    interrupts: &Interrupts,
+) -> Result<(f64, f64)> {
+    let name = topic.clone();
+    let topic = PositionTopic::Odometry(topic);
+    let mut node = PositionNode::start("route_place", topic, arguments, &environment()?)?;
+    let since = Instant::now();
+    let mut place = None;
+    loop {
+        node.step(|message| {
+            if let AnyPosition::Odometry(odometry) = message {
+                let pose = from_pose(&odometry.pose.pose).map_err(|error| error.to_string())?;
+                place = Some((pose.translation.x, pose.translation.y));
+            }
+            Ok(())
+        });
+        if let Some(place) = place {
+            return Ok(place);
+        }
+        ensure!(
+            since.elapsed() < WAIT && !interrupts.ended(),
+            "--from-m: where the vehicle stands is not known: {}",
+            node.missing().unwrap_or(name)
+        );
+        std::thread::sleep(PERIOD);
+    }
 }
 
 /// Returns poses straight from one place to another.
@@ -283,6 +443,8 @@ struct Driver {
     client: FollowPathClient,
     operator: Operator,
     frame: String,
+    goal_xy_m: f64,
+    retreat_m: Option<f64>,
 }
 
 impl Driver {
@@ -299,17 +461,21 @@ impl Driver {
         Ok(())
     }
 
-    /// Drives a leg, with its pauses; returns whether it was driven to its end.
-    fn drive(&mut self, leg: &RouteLeg) -> Result<bool> {
-        let length_m = leg.length_m();
-        let mut left_m = length_m;
+    /// Drives a leg from a place along all that is driven on, m, with its pauses; returns whether it was driven to its
+    /// end.
+    fn drive(&mut self, leg: &RouteLeg, from_m: f64) -> Result<bool> {
+        let (name, length_m) = (&leg.name, leg.length_m());
+        let mut left_m = length_m - (from_m.min(leg.ends_m) - leg.begins_m).max(0.0);
         let mut actions = PendingActions::new(leg.actions.clone());
-        console::line(format_args!("{}: {left_m:.1} m", leg.name));
+        console::line(format_args!("{name}: {left_m:.1} m"));
         loop {
             let message = message_of(&self.frame, &leg.path, leg.rest(left_m));
             self.client.send(message);
             let mut joins = true;
+            // Wheels that dig may have been taken for progress at first.
+            let mut newest_left_m = left_m;
             let ended = self.follow(|client, now_left_m| {
+                newest_left_m = now_left_m;
                 left_m = left_m.min(now_left_m);
                 let come_m = (length_m - now_left_m).max(0.0);
                 if std::mem::take(&mut joins) {
@@ -317,43 +483,83 @@ impl Driver {
                 }
                 act(client, actions.pass(come_m));
             });
-            let Some(reason) = ended else {
+            let Some(GoalFailure { mut reason, stuck }) = ended else {
                 act(&self.client, actions.finish());
                 return Ok(true);
             };
-            let name = &leg.name;
-            if self.operator.interrupts.ended() {
-                console::complain(format_args!("ended {left_m:.1} m before the end of {name}"));
-                return Ok(false);
+            if stuck && let Some(retreat_m) = self.retreat_m {
+                left_m =
+                    newest_left_m + self.retreat(leg, newest_left_m, retreat_m, &mut reason)?;
             }
-            console::complain(format_args!(
-                "paused {left_m:.1} m before the end of {name}: {reason}; Enter or SIGUSR1 goes on, Ctrl-C ends"
-            ));
-            while !self.operator.goes_on() {
-                if self.operator.interrupts.ended() {
-                    console::complain(format_args!("ended {left_m:.1} m before the end of {name}"));
-                    return Ok(false);
-                }
+            let place = format!(
+                "at {:.1} m, {left_m:.1} m before the end of {name}",
+                leg.place_m(left_m)
+            );
+            let ended = || self.operator.interrupts.ended();
+            if !ended() {
+                console::complain(format_args!(
+                    "paused {place}: {reason}; Enter or SIGUSR1 goes on, Ctrl-C ends"
+                ));
+            }
+            while !ended() && !self.operator.goes_on() {
                 std::thread::sleep(PERIOD);
+            }
+            if ended() {
+                console::complain(format_args!(
+                    "ended {place}; with --from-m {:.1} it goes on there",
+                    leg.place_m(left_m)
+                ));
+                return Ok(false);
             }
             console::line(format_args!("{name}: goes on, {left_m:.1} m are left"));
         }
     }
 
+    /// Drives back along a leg in reverse, from where so much of it is left; returns how far, m, and adds it to the reason
+    /// of the pause.
+    fn retreat(
+        &mut self,
+        leg: &RouteLeg,
+        left_m: f64,
+        retreat_m: f64,
+        reason: &mut String,
+    ) -> Result<f64> {
+        let at = leg.path.poses[leg.pose_before_end(left_m)];
+        let to_m = leg.begins_m + (leg.length_m() - left_m - retreat_m).max(0.0);
+        let Some(way) = leg.way_to(to_m, (at.x_m, at.y_m), (self.goal_xy_m, true))? else {
+            return Ok(0.0);
+        };
+        console::complain(format_args!(
+            "{} at {:.1} m: {reason}; the vehicle drives back",
+            leg.name,
+            leg.place_m(left_m)
+        ));
+        self.client.send(message_of(&self.frame, &way.path, 0));
+        let mut back_left_m = way.length_m();
+        match self.follow(|_, now_left_m| back_left_m = now_left_m) {
+            None => back_left_m = 0.0,
+            Some(failure) => *reason += &format!("; then {}", failure.reason),
+        }
+        let back_m = way.length_m() - back_left_m;
+        *reason += &format!("; driven back {back_m:.1} m");
+        Ok(back_m)
+    }
+
     /// Follows a goal to its end, and passes on what is left of it, m; returns why it ended early.
-    fn follow(&mut self, mut left: impl FnMut(&FollowPathClient, f64)) -> Option<String> {
+    fn follow(&mut self, mut left: impl FnMut(&FollowPathClient, f64)) -> Option<GoalFailure> {
         let mut cancelled: Option<Instant> = None;
         loop {
             match self.client.poll() {
                 Some(GoalEvent::Left(left_m)) => left(&self.client, left_m),
                 Some(GoalEvent::Succeeded) => return None,
                 Some(GoalEvent::Rejected) => {
-                    return Some("the server rejects the goal; its log says why".to_owned());
+                    let reason = "the server rejects the goal; its log says why";
+                    return Some(GoalFailure::new(reason));
                 }
                 Some(GoalEvent::Ended(_)) if cancelled.is_some() => {
-                    return Some("the operator has asked for it".to_owned());
+                    return Some(GoalFailure::new("the operator has asked for it"));
                 }
-                Some(GoalEvent::Ended(reason)) => return Some(reason),
+                Some(GoalEvent::Ended(failure)) => return Some(failure),
                 None => {}
             }
             match cancelled {
@@ -362,7 +568,7 @@ impl Driver {
                     cancelled = Some(Instant::now());
                 }
                 Some(since) if since.elapsed() > END => {
-                    return Some("the server does not answer".to_owned());
+                    return Some(GoalFailure::new("the server does not answer"));
                 }
                 _ => {}
             }
@@ -428,6 +634,8 @@ mod tests {
             lanes,
             lane_m,
             passes,
+            from_m: None,
+            retreat_m: None,
         }
     }
 
@@ -492,6 +700,37 @@ mod tests {
         assert!(lanes.iter().all(|leg| leg.path.poses[5].y_m > 0.0));
         // No lane fits beyond the centre.
         assert!(legs(&arguments(2, Some(6.0), 1), (&curve(&points), &[]), 0.25).is_err());
+    }
+
+    #[test]
+    fn the_way_to_where_a_drive_begins_follows_its_lane() {
+        let straight = curve(&[(0.0, 0.0), (0.0, 10.0)]);
+        let lanes = legs(&arguments(2, Some(0.8), 1), (&straight, &[]), 0.25).unwrap();
+        let [out, across, back] = &lanes[..] else {
+            panic!("two lanes and the way between them");
+        };
+        assert!((across.ends_m - 10.8).abs() < 0.01 && (back.ends_m - 20.8).abs() < 0.01);
+        assert!((back.place_m(4.0) - 16.8).abs() < 0.01);
+        let way = |leg: &RouteLeg, from_m, place, reverses| {
+            let way = leg.way_to(from_m, place, (0.25, reverses)).unwrap()?;
+            assert_eq!((way.begins_m, way.place_m(1.0)), (from_m, from_m));
+            let [first, last] = ends(std::slice::from_ref(&way))[0];
+            Some((first, last, way.path.poses[0].yaw_rad))
+        };
+        assert_eq!(way(out, 3.0, (0.3, 3.1), false), None);
+        // Ahead, and back: turned, or in reverse.
+        let (from, to, _) = way(out, 7.0, (0.3, 3.0), false).unwrap();
+        assert_eq!((from, to), ((0.0, 3.0), (0.0, 7.0)));
+        for reverses in [false, true] {
+            let (from, to, yaw_rad) = way(out, 3.0, (0.0, 7.0), reverses).unwrap();
+            assert_eq!((from, to), ((0.0, 7.0), (0.0, 3.0)));
+            assert_eq!(yaw_rad.cos() > 0.0, reverses);
+        }
+        // The second lane is driven towards y = 0.
+        let (from, to, _) = way(back, 10.8 + 2.0, (-0.8, 3.0), false).unwrap();
+        assert!((from.1 - 3.0).abs() < 0.1 && (to.1 - 8.0).abs() < 0.1);
+        let error = out.way_to(3.0, (2.0, 3.0), (0.25, false)).err().unwrap();
+        assert!(error.to_string().contains("stands 2.0 m from lane 1 of 2"));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::node::message::action::{
     FollowPathFeedback, FollowPathGoal, FollowPathGoalHumble, FollowPathResult,
-    FollowPathResultHumble, FollowPathResultIron,
+    FollowPathResultHumble, FollowPathResultIron, code,
 };
 use super::node::{NodeError, RosNode, qos};
 use super::server::outcome::Outcome;
@@ -31,8 +31,27 @@ pub enum GoalEvent {
     Left(f64),
     /// It was driven to its end.
     Succeeded,
-    /// It ended otherwise, with the reason.
-    Ended(String),
+    /// It ended otherwise.
+    Ended(GoalFailure),
+}
+
+/// Why a goal has ended before its end.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct GoalFailure {
+    /// The server's reason.
+    pub reason: String,
+    /// Whether the vehicle has made no progress; no definition before iron's says so.
+    pub stuck: bool,
+}
+
+impl GoalFailure {
+    /// Returns the failure of a vehicle that is not stuck.
+    pub fn new(reason: impl Into<String>) -> Self {
+        Self {
+            reason: reason.into(),
+            stuck: false,
+        }
+    }
 }
 
 /// How the types of a definition are used.
@@ -229,11 +248,14 @@ impl FollowPathClient {
             self.goal = None;
             return Some(match status {
                 GoalStatusEnum::Succeeded => GoalEvent::Succeeded,
-                GoalStatusEnum::Canceled => GoalEvent::Ended("it was cancelled".to_owned()),
-                _ if outcome.message.is_empty() => {
-                    GoalEvent::Ended(format!("error code {}", outcome.code))
-                }
-                _ => GoalEvent::Ended(outcome.message),
+                GoalStatusEnum::Canceled => GoalEvent::Ended(GoalFailure::new("it was cancelled")),
+                _ => GoalEvent::Ended(GoalFailure {
+                    stuck: outcome.code == code::FAILED_TO_MAKE_PROGRESS,
+                    reason: match outcome.message.is_empty() {
+                        true => format!("error code {}", outcome.code),
+                        false => outcome.message,
+                    },
+                }),
             });
         }
         if unanswered {

@@ -104,6 +104,13 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
         }
     }
 
+    /// Waits for the time of the next cycle, and returns whether the clock stands before it, as that of a simulator which
+    /// is paused. Nothing is decided and sent meanwhile: the drives have a time-out of their
+    /// own.
+    pub(super) fn clock_stands(&mut self) -> bool {
+        self.schedule.stands(&mut self.clock)
+    }
+
     /// Waits for the time of the next cycle, runs it, and returns what it did.
     pub fn step(&mut self, requests: OperatorRequests) -> CycleRow {
         // 1. Wait for the absolute time of this cycle.

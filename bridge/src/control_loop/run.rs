@@ -86,6 +86,7 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
         let mut arm_until_s = f64::INFINITY;
         let mut requests = OperatorRequests::default();
         let ending = loop {
+            while self.clock_stands() && !signals.end.load(Ordering::Relaxed) {}
             let row = self.step_with(requests, channel.as_mut());
             if let Some(ending) = self.ending(&row, options, signals, channel.is_some()) {
                 break ending;

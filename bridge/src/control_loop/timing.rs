@@ -20,6 +20,9 @@ pub struct LoopTiming {
     pub slack_min_s: f64,
 }
 
+/// Share of a period by which sums of periods are rounded.
+const ROUNDING: f64 = 1e-6;
+
 /// The times of one cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct CycleTime {
@@ -41,6 +44,8 @@ pub(super) struct Schedule {
     first_s: Option<f64>,
     /// Number of the next cycle, counted from `first_s`.
     tick: u64,
+    /// When the newest cycle began, s.
+    begun_s: Option<f64>,
     skipped: u64,
     lateness: LatenessHistogram,
 }
@@ -51,9 +56,21 @@ impl Schedule {
             period_s,
             first_s: None,
             tick: 0,
+            begun_s: None,
             skipped: 0,
             lateness: LatenessHistogram::new(),
         }
+    }
+
+    /// Waits for the next cycle, and returns whether the clock stands before it: a simulator was paused, and there is
+    /// nothing to do.
+    pub(super) fn stands(&self, clock: &mut Clock) -> bool {
+        let (Some(first_s), Some(begun_s)) = (self.first_s, self.begun_s) else {
+            return false;
+        };
+        let due_s = first_s + self.tick as f64 * self.period_s;
+        clock.wait_until(due_s);
+        (begun_s..due_s).contains(&clock.now_s())
     }
 
     /// Waits for the next cycle.
@@ -62,8 +79,9 @@ impl Schedule {
         let due_s = first_s + self.tick as f64 * self.period_s;
         clock.wait_until(due_s);
         let begin_s = clock.now_s();
+        self.begun_s = Some(begin_s);
         if begin_s + self.period_s < due_s {
-            // The clock was set back, or stands still: cycles count from now.
+            // The clock was set back: cycles count from now.
             self.first_s = Some(begin_s);
             self.tick = 0;
             return CycleTime {
@@ -81,7 +99,7 @@ impl Schedule {
         self.lateness.add(time.lateness_s(), slack_s);
         // A cycle that began after its own period is not followed by another at once.
         let passed_s = time.lateness_s().max(-slack_s);
-        let late_periods = (passed_s / self.period_s).max(0.0) as u64;
+        let late_periods = (passed_s / self.period_s + ROUNDING).max(0.0) as u64;
         self.tick += 1 + late_periods;
         self.skipped += late_periods;
         slack_s
@@ -203,6 +221,29 @@ mod tests {
         clock.set(9.575);
         let time = schedule.wait(&mut Clock::External(clock));
         assert_eq!((time.due_s, time.begin_s), (9.625, 9.575));
+    }
+
+    #[test]
+    fn no_cycle_is_due_while_the_clock_stands() {
+        let source = ExternalClock::default();
+        source.set(4.0);
+        let mut clock = Clock::External(source.clone());
+        let mut schedule = Schedule::new(0.05);
+        assert!(!schedule.stands(&mut clock));
+        // A clock of 10 ms whose times are those of the cycles but for rounding, and that is late by whole periods.
+        for now_s in [4.0, 4.05, 4.15, 4.35, 4.4] {
+            source.set(now_s);
+            assert!(!schedule.stands(&mut clock), "{now_s}");
+            let time = schedule.wait(&mut clock);
+            assert_eq!(time.begin_s, now_s);
+            schedule.finish(&time, now_s);
+            assert!(schedule.stands(&mut clock), "{now_s}");
+        }
+        source.set(4.41);
+        assert!(schedule.stands(&mut clock));
+        source.set(1.0);
+        assert!(!schedule.stands(&mut clock));
+        assert_eq!(schedule.wait(&mut clock).due_s, 1.0);
     }
 
     #[test]

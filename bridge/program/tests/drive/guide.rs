@@ -34,7 +34,9 @@ fn what_the_guide_does_not_run_here_says_why_and_is_accepted() {
         let (page, needs) = (&block.page, &block.needs);
         let says = match needs.as_str() {
             "can" => "`.ci/vcan`",
-            "ros2" | "goal" | "record" | "look" | "drive" | "after" => "`.ci/ros2`",
+            "ros2" | "goal" | "record" | "look" | "level" | "identify" | "drive" | "after" => {
+                "`.ci/ros2`"
+            }
             "robot" => "Needs the robot; no test runs it",
             other => panic!("{page}: what is `sh {other}`?"),
         };

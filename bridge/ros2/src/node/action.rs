@@ -166,9 +166,12 @@ where
         }
     }
 
-    /// Returns whether a goal is being executed: neither ended nor being cancelled.
-    pub fn is_executing(&self, id: &GoalId) -> bool {
-        self.goals.status(id) == Some(GoalStatusEnum::Executing)
+    /// Returns whether a goal is being executed or cancelled, and has not ended.
+    pub fn is_active(&self, id: &GoalId) -> bool {
+        matches!(
+            self.goals.status(id),
+            Some(GoalStatusEnum::Executing | GoalStatusEnum::Canceling)
+        )
     }
 
     /// Publishes feedback on a goal.

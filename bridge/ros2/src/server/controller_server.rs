@@ -65,6 +65,8 @@ pub(crate) struct ControllerServer {
     actions: ActionTopic,
     /// Whether the route of the configuration was begun and the vehicle has not driven on it since.
     joins_route: bool,
+    /// Whether the vehicle drives, or comes to a halt.
+    moves: bool,
     handler: GoalHandler,
     discovery: DomainParticipantStatusListener,
     peers: Peers,

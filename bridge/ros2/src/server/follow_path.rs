@@ -63,7 +63,7 @@ pub(crate) trait FollowPathServer: Send {
     fn next_cancel(&mut self, peers: &Peers) -> Option<Vec<GoalId>>;
     fn answer_result_requests(&mut self, peers: &Peers);
     fn end(&mut self, id: &GoalId, now_s: f64, end: GoalEnd, outcome: Outcome);
-    fn is_executing(&self, id: &GoalId) -> bool;
+    fn is_active(&self, id: &GoalId) -> bool;
     fn publish_feedback(&self, id: GoalId, feedback: FollowPathFeedback);
     fn publish_status(&mut self, now_s: f64);
 }
@@ -132,8 +132,8 @@ where
         ActionServer::end(self, id, now_s, end, R::from(outcome));
     }
 
-    fn is_executing(&self, id: &GoalId) -> bool {
-        ActionServer::is_executing(self, id)
+    fn is_active(&self, id: &GoalId) -> bool {
+        ActionServer::is_active(self, id)
     }
 
     fn publish_feedback(&self, id: GoalId, feedback: FollowPathFeedback) {

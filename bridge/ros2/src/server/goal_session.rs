@@ -240,7 +240,6 @@ impl GoalSession {
         if let SessionPhase::Ending { .. } = self.phase {
             return;
         }
-        self.following = FollowedPath::Nothing;
         self.phase = SessionPhase::Ending {
             since_s: now_s,
             end: termination.end,
@@ -261,11 +260,13 @@ impl GoalSession {
         Some((left_m.max(0.0), own.command_effective.traction_m_s))
     }
 
-    /// Returns how much of the route is left, m, while the vehicle drives it; a detour past an obstacle counts as the
-    /// stretch beside it.
+    /// Returns how much of the route is left, m, while the vehicle drives it or comes to a halt on it; a detour past an
+    /// obstacle counts as the stretch beside it.
     pub(crate) fn left_on_route_m(&self, decision: &Decision) -> Option<f64> {
-        let (FollowedPath::Route(placed), SessionPhase::Driving { .. }) =
-            (&self.following, &self.phase)
+        let (
+            FollowedPath::Route(placed),
+            SessionPhase::Driving { .. } | SessionPhase::Ending { .. },
+        ) = (&self.following, &self.phase)
         else {
             return None;
         };
@@ -317,8 +318,10 @@ impl GoalSession {
         requests: &mut StepRequests,
     ) -> bool {
         self.prepare(context, settings, requests);
-        self.follow_frame(context, settings);
-        self.hand_over_changes(context, requests);
+        if !matches!(self.phase, SessionPhase::Ending { .. }) {
+            self.follow_frame(context, settings);
+            self.hand_over_changes(context, requests);
+        }
         self.watch_obstacles(context, settings, requests);
         match self.phase {
             SessionPhase::Locating { .. } | SessionPhase::Building { .. } => {

@@ -12,8 +12,14 @@ impl ControllerServer {
         status: Option<&LoopStatus>,
         decision: Option<&Decision>,
     ) {
-        let drives = status.is_some_and(|status| status.row.state == SafetyState::Driving);
-        let Some(route) = self.links.configured_route.as_mut().filter(|_| drives) else {
+        // On the ramp of a stop it still moves.
+        self.moves = match status.map(|status| status.row.state) {
+            Some(SafetyState::Driving) => true,
+            Some(SafetyState::Stopping) => self.moves,
+            _ => false,
+        };
+        let moves = self.moves;
+        let Some(route) = self.links.configured_route.as_mut().filter(|_| moves) else {
             return;
         };
         let left_m = decision.and_then(|decision| self.handler.left_on_route_m(decision));

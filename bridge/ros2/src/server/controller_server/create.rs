@@ -84,6 +84,7 @@ impl ControllerServer {
             telemetry,
             actions,
             joins_route: false,
+            moves: false,
             discovery,
             peers: Peers::default(),
             accepted_goals: 0,

@@ -59,7 +59,7 @@ impl ControllerServer {
         if let Some(id) = self.handler.goal()
             && let Some((distance_m, speed_m_s)) =
                 decision.and_then(|decision| self.handler.feedback(decision))
-            && self.action.is_executing(&id)
+            && self.action.is_active(&id)
             && now_s - self.feedback_s >= FEEDBACK_PERIOD_S
         {
             self.feedback_s = now_s;

@@ -47,7 +47,7 @@ impl FollowPathServer for Action {
         let told = (*id, end, outcome.code, outcome.message);
         self.0.lock().unwrap().ends.push(told);
     }
-    fn is_executing(&self, _: &GoalId) -> bool {
+    fn is_active(&self, _: &GoalId) -> bool {
         true
     }
     fn publish_feedback(&self, _: GoalId, _: FollowPathFeedback) {
