@@ -47,6 +47,9 @@ pub(super) struct Kept {
     pub(super) frames: usize,
     /// Events.
     pub(super) events: usize,
+    /// Time between two views of the obstacles, ns, and views. The first after a change of state is kept as well.
+    pub(super) obstacles_ns: u64,
+    pub(super) obstacles: usize,
 }
 
 /// What the live page keeps: ten minutes.
@@ -54,6 +57,8 @@ const LIVE: Kept = Kept {
     frame_ns: 200_000_000,
     frames: 3000,
     events: 200,
+    obstacles_ns: 0,
+    obstacles: 1,
 };
 /// Age from which on a message is not shown as the present, ns.
 pub(super) const OLD_NS: u64 = 1_000_000_000;
@@ -110,6 +115,10 @@ pub(super) struct Page {
     runs: u64,
     frames: History,
     events: History,
+    obstacles: History,
+    next_obstacles_ns: u64,
+    /// What was known of obstacles last.
+    newest_obstacles: String,
     /// Newest of what replaces what was before, with its version.
     parts: BTreeMap<&'static str, (u64, Arc<str>)>,
     version: u64,
@@ -175,6 +184,9 @@ impl Page {
             runs: 0,
             frames: History::new(kept.frames),
             events: History::new(kept.events),
+            obstacles: History::new(kept.obstacles),
+            next_obstacles_ns: 0,
+            newest_obstacles: String::new(),
             parts: BTreeMap::new(),
             version: 0,
             reason: String::new(),
@@ -194,6 +206,9 @@ impl Page {
         self.next_ns = 0;
         self.frames = History::new(self.kept.frames);
         self.events = History::new(self.kept.events);
+        self.obstacles = History::new(self.kept.obstacles);
+        self.next_obstacles_ns = 0;
+        self.newest_obstacles.clear();
         self.parts.retain(|name, _| *name == "vehicle");
         self.reason.clear();
         self.waits_for.clear();
@@ -219,10 +234,14 @@ impl Page {
             Topic::Diagnostics => self.diagnostics(bytes),
             Topic::Events => self.event(time_ns, bytes),
             Topic::Scene => {
-                if let Ok(scene) = from_cdr::<MarkerArray>(bytes)
-                    && let Some(vehicle) = vehicle(&scene)
-                {
-                    self.set("vehicle", vehicle.to_string());
+                if let Ok(scene) = from_cdr::<MarkerArray>(bytes) {
+                    if let Some(obstacles) = obstacles(&scene) {
+                        // It tells nothing of the vehicle's motion.
+                        return self.obstacles(time_ns, obstacles);
+                    }
+                    if let Some(vehicle) = vehicle(&scene) {
+                        self.set("vehicle", vehicle.to_string());
+                    }
                     if let Some(ground) = ground(&scene) {
                         self.set("ground", ground.to_string());
                     }
@@ -233,17 +252,18 @@ impl Page {
         self.newest.insert(message.topic, message.clone());
     }
 
-    /// Returns all that is kept as JSON: `columns`, `states`, `frames`, `events` and `parts`.
+    /// Returns all that is kept as JSON: `columns`, `states`, `frames`, `events`, `obstacles` and `parts`.
     pub(super) fn json(&self) -> String {
         let all = |history: &History| history.list(history.first..history.end());
         let parts = self.parts.iter();
         let parts = parts.map(|(name, (_, part))| format!("\"{name}\":{part}"));
         format!(
-            "{{\"columns\":{},\"states\":{},\"frames\":[{}],\"events\":[{}],\"parts\":{{{}}}}}",
+            "{{\"columns\":{},\"states\":{},\"frames\":[{}],\"events\":[{}],\"obstacles\":[{}],\"parts\":{{{}}}}}",
             json!(COLUMNS),
             json!(STATES),
             all(&self.frames),
             all(&self.events),
+            all(&self.obstacles),
             parts.collect::<Vec<_>>().join(","),
         )
     }
@@ -351,10 +371,24 @@ impl Page {
         self.set("diagnostics", Value::Object(all).to_string());
     }
 
+    /// Keeps what is known of obstacles, where it has changed, with its time.
+    fn obstacles(&mut self, time_ns: u64, obstacles: String) {
+        if time_ns < self.next_obstacles_ns || obstacles == self.newest_obstacles {
+            return;
+        }
+        self.next_obstacles_ns = time_ns + self.kept.obstacles_ns;
+        let time_s = time_ns as f64 / 1e9;
+        self.obstacles.push(format!("[{time_s:.1}{obstacles}]"));
+        self.newest_obstacles = obstacles;
+    }
+
     fn event(&mut self, time_ns: u64, bytes: &[u8]) {
         let Ok(line) = from_cdr::<LogLine>(bytes) else {
             return;
         };
+        if line.name == "state" {
+            self.next_obstacles_ns = 0;
+        }
         match line.name.as_str() {
             // The end of the ramp is not why the vehicle stopped.
             "state" if !line.msg.starts_with("Stopping -> Latched") => {
@@ -503,6 +537,22 @@ fn vehicle(scene: &MarkerArray) -> Option<Value> {
     Some(json!({ "body": [body.scale.x, body.scale.y], "wheels": wheels }))
 }
 
+/// Returns the scene's obstacles after a comma each: the side of a cell, and x, y, x, y of both ends of each row; none
+/// where the scene does not tell of obstacles.
+fn obstacles(scene: &MarkerArray) -> Option<String> {
+    let marker = scene
+        .markers
+        .iter()
+        .find(|marker| marker.ns == "obstacles")?;
+    let places = marker.points.iter().flat_map(|point| [point.x, point.y]);
+    let mut text = String::new();
+    for value in std::iter::once(marker.scale.x).chain(places) {
+        text.push(',');
+        number(&mut text, value, 2);
+    }
+    Some(text)
+}
+
 /// Nodes of the ground along an axis, at most.
 const NODES_MAX: usize = 500;
 
@@ -553,6 +603,8 @@ pub(super) struct Reader {
     /// Numbers of earlier frames that it lacks: from, to.
     earlier: [u64; 2],
     event: u64,
+    /// Number of the next view of the obstacles.
+    obstacles: u64,
     versions: BTreeMap<&'static str, u64>,
 }
 
@@ -569,6 +621,7 @@ impl Reader {
             next: 0,
             earlier: [frame.unwrap_or(0), 0],
             event: event.unwrap_or(0),
+            obstacles: 0,
             versions: BTreeMap::new(),
         }
     }
@@ -580,7 +633,7 @@ impl Reader {
         let begins = self.versions.is_empty() || self.run != page.run;
         if begins {
             if self.run != page.run {
-                (self.earlier, self.event) = ([0, 0], 0);
+                (self.earlier, self.event, self.obstacles) = ([0, 0], 0, 0);
                 self.versions.clear();
             }
             page.run.clone_into(&mut self.run);
@@ -605,6 +658,12 @@ impl Reader {
             let list = events.list(self.event.max(events.first)..events.end());
             let _ = write!(text, ",\"events\":[{list}]");
             self.event = events.end();
+        }
+        let obstacles = &page.obstacles;
+        if obstacles.end() > self.obstacles {
+            let list = obstacles.list(obstacles.first..obstacles.end());
+            let _ = write!(text, ",\"obstacles\":[{list}]");
+            self.obstacles = obstacles.end();
         }
         let mut parts = Vec::new();
         for (name, (version, part)) in &page.parts {

@@ -19,6 +19,7 @@ runs.push({
 function forget() {
   frames = [];
   events = [];
+  obstacles = [];
   parts = {};
   ground = null;
   offset = Infinity;
@@ -59,6 +60,8 @@ function take(message) {
     events.splice(0, events.length - 200);
     showEvents();
   }
+  // Those from before this page was opened are not known.
+  if (message.obstacles) obstacles = [...obstacles, ...message.obstacles].slice(-KEPT_S);
   if (message.parts) Object.assign(parts, message.parts);
   if (message.parts && message.parts.diagnostics) showDiagnostics();
   if (message.parts && message.parts.ground) [ground, picture] = [groundOf((x, y) => heightIn(parts.ground, x, y)), null];

@@ -20,6 +20,9 @@ const digits = (value, n = 2) => {
   return fixed(value, Math.min(places, 3));
 };
 const signed = value => fixed(value, 1);
+const TICK = new Intl.NumberFormat('en', { maximumSignificantDigits: 5 });
+/** Returns the texts of the ticks of an axis. */
+const ticksOf = values => values.map(value => is(value) ? TICK.format(value).replace('-', '\u2212') : '');
 
 /** Returns a step of 1, 2 or 5 times a power of ten that divides a range into about so many parts. */
 function step(range, count) {
@@ -29,7 +32,7 @@ function step(range, count) {
 
 // --- Colours: variables of the style, which has them for light and for dark ---
 
-const NAMES = ['ground', 'panel', 'ink', 'soft', 'line', 'grid', 'path', 'blue', 'orange', 'green', 'violet',
+const NAMES = ['ground', 'panel', 'ink', 'soft', 'line', 'grid', 'path', 'blue', 'orange', 'green', 'violet', 'obstacle',
   'line0', 'line1', 'line2', 'line3', 'line4', 'line5', 'line6'].map(name => `--${name}`);
 /** Each line of a report has a dash of its own beside its colour. */
 const DASHES = [[], [9, 4], [3, 4], [12, 3, 3, 3], [6, 2], [2, 2], [16, 5]];
@@ -58,19 +61,26 @@ const isNarrow = () => innerWidth < 600;
 const limitLines = limits => chart => {
   const { ctx, bbox } = chart, ratio = devicePixelRatio;
   ctx.save();
-  ctx.strokeStyle = ctx.fillStyle = colours['--soft'];
   ctx.font = `${12 * ratio}px system-ui, sans-serif`;
   ctx.textAlign = 'right';
   ctx.textBaseline = 'alphabetic';
-  ctx.setLineDash([7 * ratio, 4 * ratio]);
   for (const [value, name] of limits) {
     const y = chart.valToPos(value, 'y', true);
     if (y < bbox.top - 1 || y > bbox.top + bbox.height + 1) continue;
+    ctx.strokeStyle = ctx.fillStyle = colours['--soft'];
+    ctx.lineWidth = ratio;
+    ctx.setLineDash([7 * ratio, 4 * ratio]);
     ctx.beginPath();
     ctx.moveTo(bbox.left, y);
     ctx.lineTo(bbox.left + bbox.width, y);
     ctx.stroke();
-    ctx.fillText(name, bbox.left + bbox.width - 4 * ratio, y + (y < bbox.top + 20 * ratio ? 13 : -4) * ratio);
+    // Lines end at a name, so that it can be read.
+    const at = [bbox.left + bbox.width - 4 * ratio, y + (y < bbox.top + 20 * ratio ? 13 : -4) * ratio];
+    ctx.strokeStyle = colours['--panel'];
+    ctx.lineWidth = 4 * ratio;
+    ctx.setLineDash([]);
+    ctx.strokeText(name, ...at);
+    ctx.fillText(name, ...at);
   }
   ctx.restore();
 };
@@ -81,6 +91,7 @@ function plotOf(element, { height, x, y, lines, limits = [], legend = false, cur
   const axis = {
     stroke: () => colours['--ink'], grid: { stroke: () => colours['--grid'], width: 1 },
     ticks: { stroke: () => colours['--line'], width: 1, size: 4 }, font: '12px system-ui, sans-serif', labelFont: '13px system-ui, sans-serif',
+    values: (_, values) => ticksOf(values),
   };
   // As broad as its longest text.
   const broad = (_, texts) => 12 + 7 * Math.max(3, ...(texts || []).map(text => String(text ?? '').length));

@@ -176,9 +176,15 @@ function plotStrip(strip, lines) {
     const end = value => Math.abs(value) < 1e-9 ? 0 : Math.sign(value) * Math.ceil(Math.abs(value) / size + 0.05) * size;
     return end(low) === end(high) ? [0, size] : [end(low), end(high)];
   };
+  // A time of day that the edge would cut is left out.
+  const timesOf = (chart, times) => times.map(time => {
+    const text = clock(time, false);
+    return time < 0 || chart.valToPos(time, 'x') + 3.5 * text.length > chart.bbox.width / devicePixelRatio + 12 ? '' : text;
+  });
   strip.chart = plotOf(strip.holder, {
     height: STRIP_HEIGHT,
-    x: { scale: {}, axis: { incrs: TIMES, space: 68, values: (_, times) => times.map(time => time < 0 ? '' : clock(time, false)) } },
+    // Times of day are longer than counts of seconds.
+    x: { scale: {}, axis: { incrs: TIMES, space: (_, __, low) => low < 1e9 ? 40 : 68, values: timesOf } },
     y: { scale: { range }, axis: strip.words ? { splits: () => Object.keys(strip.words).map(Number), values: () => Object.values(strip.words) } : {} },
     lines,
     limits: is(strip.limit) ? [[strip.limit, '']] : [],
@@ -422,6 +428,25 @@ function showKey(kind, text) {
   key.textContent = text || '';
 }
 
+/** What is known of obstacles: the time from which on, the side of a cell, and x, y, x, y of the ends of each row of cells. */
+let obstacles = [];
+
+/** Draws the obstacles of the time shown. */
+function drawObstacles(pen, X, Y) {
+  const [, cell, ...rows] = obstacles.findLast(([time]) => cursor === null || time <= cursor) || [];
+  showKey('obstacles', rows.length && 'obstacles');
+  pen.strokeStyle = colours['--obstacle'];
+  pen.lineWidth = Math.max(cell * view.scale, 2);
+  pen.lineCap = 'butt';
+  pen.beginPath();
+  for (let i = 0; i < rows.length; i += 4) {
+    pen.moveTo(X(rows[i]), Y(rows[i + 1]));
+    pen.lineTo(X(rows[i + 2]), Y(rows[i + 3]));
+  }
+  pen.stroke();
+  pen.lineCap = 'round';
+}
+
 /** Returns the runs that are not hidden. */
 const inSight = () => runs.filter(run => !run.hidden);
 
@@ -467,6 +492,7 @@ function drawMap() {
   for (let y = Math.ceil((view.y - height / 2 / s) / size) * size; Y(y) > 0; y += size) { pen.moveTo(0, Y(y)); pen.lineTo(width, Y(y)); }
   pen.stroke();
 
+  drawObstacles(pen, X, Y);
   const stroke = (points, colour, thick, dash = []) => {
     pen.strokeStyle = colours[colour];
     pen.lineWidth = thick;
@@ -573,7 +599,7 @@ function drawVehicle(pen, frame, X, Y, s, { colour }) {
     for (const name of ['icr_left', 'icr_right']) {
       const [ix, iy] = [s * get(frame, 'icr_x'), s * get(frame, name)];
       pen.beginPath();
-      pen.moveTo(ix + 5, iy); pen.lineTo(ix, iy + 5); pen.lineTo(ix - 5, iy); pen.lineTo(ix, iy - 5);
+      pen.arc(ix, iy, 5, 0, 2 * Math.PI);
       pen.fill();
     }
   }
