@@ -71,7 +71,7 @@ function list(id, moments, none) {
   $(id).querySelector('ol').replaceChildren(...items.length ? items : [make('li', { textContent: none })]);
 }
 
-const KIND_WORDS = { arrived: 'Arrived', asked: 'Stopped as asked', fault: 'Stopped' };
+const KIND_WORDS = { arrived: 'Arrived', asked: 'Stopped', fault: 'Stopped' };
 list('stops', facts.stops.map(stop => ({
   place: stop,
   text: `${KIND_WORDS[stop.kind]}: ${stop.cause}`,
@@ -148,7 +148,7 @@ function showVerdict() {
   let kind = 'waits', name = 'Driven';
   if (facts.passed !== null) [kind, name] = facts.passed ? ['done', 'Passed'] : ['stopped', 'Not passed'];
   else if (faults.length) [kind, name] = ['stopped', faults.length === 1 ? 'Stopped' : `Stopped ${faults.length} times`];
-  else if (final) [kind, name] = final.kind === 'arrived' ? ['done', 'Arrived'] : ['waits', 'Stopped as asked'];
+  else if (final) [kind, name] = final.kind === 'arrived' ? ['done', 'Arrived'] : ['waits', 'Stopped'];
   if (faults.length || (!lines.length && final)) lines.push(capital((last(faults) || final).cause));
   if (facts.damaged) lines.push(`The recording ends early: ${facts.damaged}`);
   $('head').dataset.kind = kind;
