@@ -2,7 +2,7 @@
 
 const given = JSON.parse($('runs').textContent);
 column = Object.fromEntries(given.columns.map((name, i) => [name, i]));
-parts = { path: given.path, vehicle: { body: given.body, wheels: [] } };
+parts = given;
 for (const run of given.runs) runs.push({ ...run, dash: dashOf(run.colour), plan: [] });
 
 // --- Ground ---

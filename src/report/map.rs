@@ -6,6 +6,7 @@ use serde::Serialize;
 use sidehill_controller::path::{GeodeticOrigin, Point2};
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::terrain::Terrain;
+use sidehill_plant::vehicle::{Outline, Vehicle};
 use std::f64::consts::FRAC_PI_2;
 
 /// Frames of a run, at most.
@@ -23,8 +24,7 @@ pub(crate) struct PageMap {
     pub(crate) runs: Vec<MapRun>,
     /// Path that was to be followed, x, y, x, y ..., m.
     path: Vec<f64>,
-    /// Length and width of the vehicle, m.
-    body: [f64; 2],
+    vehicle: Outline,
     ground: Option<MapGround>,
     /// Latitude and longitude, deg, of the origin, and their changes over a metre along x and along y.
     earth: Option<[f64; 6]>,
@@ -135,11 +135,7 @@ impl PageMap {
                 gradient,
             )
         });
-        let body = [
-            2.0 * scene.base_half_length_m,
-            2.0 * scene.base_half_width_m,
-        ];
-        let mut map = Self::over(runs.collect(), &scene.path, body);
+        let mut map = Self::over(runs.collect(), &scene.path, scene.vehicle);
         map.ground = Some(map.ground_of(scene.terrain));
         map.earth = scene.datum.map(earth);
         map.marks = marks;
@@ -147,13 +143,13 @@ impl PageMap {
     }
 
     /// Returns the map of runs along a path, without ground.
-    pub(crate) fn over(runs: Vec<MapRun>, path: &[[f64; 2]], body: [f64; 2]) -> Self {
+    pub(crate) fn over(runs: Vec<MapRun>, path: &[[f64; 2]], vehicle: &Vehicle) -> Self {
         let path = path.as_flattened().iter();
         Self {
             columns: COLUMNS,
             runs,
             path: path.copied().filter_map(short).collect(),
-            body: body.map(|length_m| short(length_m).unwrap_or(0.0)),
+            vehicle: vehicle.outline(),
             ground: None,
             earth: None,
             marks: Vec::new(),
@@ -185,7 +181,7 @@ impl PageMap {
             (low, high) = ([0.0; 2], [0.0; 2]);
         }
         // A window is broader than it is high, or the other way round.
-        let side = 1.6 * (high[0] - low[0]).max(high[1] - low[1]) + 4.0 * self.body[0];
+        let side = 1.6 * (high[0] - low[0]).max(high[1] - low[1]) + 4.0 * self.vehicle.body[0];
         let corner = [0, 1].map(|axis| 0.5 * (low[axis] + high[axis]) - 0.5 * side);
         let at = |index: usize| side * index as f64 / (NODES - 1) as f64;
         let heights = (0..NODES * NODES).map(|node| {

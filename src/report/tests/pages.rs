@@ -14,6 +14,7 @@ fn the_page_has_every_controller_and_section() {
         .collect();
     let sections = [
         "Cross-track error",
+        "Cross-track error by size",
         "Commands",
         "Attitude",
         "Tread ICRs",
@@ -24,8 +25,8 @@ fn the_page_has_every_controller_and_section() {
     let plots = named(&document, "div")
         .into_iter()
         .filter(|node| node.attribute("class") == Some("plot"));
-    // With what differs of error and commands, and the solve times.
-    assert_eq!(plots.count(), 2 + 4 + 2 + 3 + 1);
+    // With what differs of error and commands, and what is in the order of its size.
+    assert_eq!(plots.count(), 2 + 1 + 4 + 2 + 3 + 1);
     let text = text(&document);
     for part in [
         "icrik-mpc",
