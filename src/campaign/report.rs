@@ -58,7 +58,7 @@ pub(super) fn html(campaign: &str, figures: &[Figures], rows: &[&CampaignRow]) -
         summary: table(
             "figures",
             &[
-                "Controller",
+                "controller",
                 "runs",
                 "completed",
                 "median (cm)",

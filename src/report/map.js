@@ -17,8 +17,6 @@ const show = () => {
   drawMap();
   if (!newest()) return;
   showTime();
-  $('past').hidden = true;
-  $('live').setAttribute('aria-pressed', cursor === null);
 };
 /** Shows a time under the cursors of the plots. */
 function point(time) {
@@ -28,25 +26,13 @@ function point(time) {
 pointed = seek;
 $('live').textContent = 'End';
 $('span').remove();
-$('live').onclick = () => seek(null);
 $('time').oninput = event => {
   seek(Number(event.target.value));
   point(cursor);
 };
 
 const SPAN_S = 10;
-let pressed = null;
-map.addEventListener('pointerdown', event => { pressed = [event.offsetX, event.offsetY]; });
-map.addEventListener('click', event => {
-  if (!pressed || Math.hypot(event.offsetX - pressed[0], event.offsetY - pressed[1]) > 6) return;
-  const [x, y] = placeOf(event);
-  let [nearest, moment] = [2 * FINGER / view.scale, null];
-  for (const { frames } of inSight())
-    for (const frame of frames) {
-      const far = is(get(frame, 'x')) ? Math.hypot(get(frame, 'x') - x, get(frame, 'y') - y) : Infinity;
-      if (far < nearest) [nearest, moment] = [far, frame[0]];
-    }
-  if (moment === null) return;
+onPlace(moment => {
   seek(moment);
   const [first] = groups.time || [];
   if (first) first.chart.setScale('x', { min: moment - SPAN_S, max: moment + SPAN_S });

@@ -70,7 +70,8 @@ fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
     };
     let errors = [cross_track_panel()];
     let commands = command_panels(scene.limits);
-    let distances = |row: &Row| 100.0 * row.cross_track_m.abs();
+    // On a logarithmic axis what is below 0.1 mm would take most of the room.
+    let distances = |row: &Row| (100.0 * row.cross_track_m.abs()).clamp(0.01, f64::INFINITY);
     let sizes = in_order("distance (cm)", &distances, runs, styles);
     let times = in_order("QP solver (\u{b5}s)", &|row| row.solve_us, runs, styles);
     html! {
@@ -177,23 +178,23 @@ fn learned_at_end(run: &Run) -> Option<ContactEstimate> {
 fn learned_table(controller: &str, learned: &ContactEstimate) -> Markup {
     let row = |parameter: Parameter| {
         let (value, (low, high)) = learned.interval(parameter);
-        let note = if learned.observed(parameter) {
-            ""
+        let from = if learned.observed(parameter) {
+            "drive"
         } else {
-            "not excited by this drive: prior"
+            "prior"
         };
         vec![
             parameter.key().to_owned(),
             significant(value),
             format!("{} to {}", significant(low), significant(high)),
-            note.to_owned(),
+            from.to_owned(),
         ]
     };
     let rows: Vec<Vec<String>> = Parameter::ALL.into_iter().map(row).collect();
     html! {
         section.panel {
             h2 { "Learned by " (controller) }
-            (page::table(&format!("learned-by-{controller}"), &["parameter", "value", "95 % interval", ""], &rows))
+            (page::table(&format!("learned-by-{controller}"), &["parameter", "value", "95 % interval", "from"], &rows))
         }
     }
 }

@@ -19,14 +19,14 @@ pub(super) fn summary(runs: &[Run], styles: &[Style], perfect_sensors: bool) -> 
             table id="figures" {
                 thead {
                     tr {
-                        th.name rowspan="2" { "Controller" }
-                        th colspan="3" { "Cross-track error (cm)" }
-                        th rowspan="2" title="sum of all changes of the steer command" { "Steer total" (PreEscaped("<br/>")) "variation (m/s)" }
-                        th colspan="2" { "Speed (m/s)" }
-                        th rowspan="2" { "Time (s)" }
-                        th.name rowspan="2" { "Reached the end" }
+                        th.name rowspan="2" { "controller" }
+                        th colspan="3" { "cross-track error (cm)" }
+                        th rowspan="2" title="sum of all changes of the steer command" { "steer total" (PreEscaped("<br/>")) "variation (m/s)" }
+                        th colspan="2" { "speed (m/s)" }
+                        th rowspan="2" { "time (s)" }
+                        th.name rowspan="2" { "reached the end" }
                         th colspan="2" { "QP solve time (\u{b5}s)" }
-                        th rowspan="2" title="cycles that drove on the previous plan" { "Fallbacks" }
+                        th rowspan="2" title="cycles that drove on the previous plan" { "fallbacks" }
                     }
                     tr {
                         th { "RMS" }

@@ -205,9 +205,9 @@ pub fn html(outcome: &TuningOutcome) -> String {
         })
         .collect();
     let summary = html! {
-        (html_table("figures", &["Runs", "Completed", "Median RMS (cm)", "p95 RMS (cm)", "Steer total variation (m/s)", "Mean cost"], &runs))
+        (html_table("figures", &["runs", "completed", "median RMS (cm)", "p95 RMS (cm)", "steer total variation (m/s)", "mean cost"], &runs))
         h2 { "Settings" }
-        (html_table("settings", &["Key of controller", "Before", "After", "Factor"], &settings))
+        (html_table("settings", &["key of controller", "before", "after", "factor"], &settings))
     };
     let body = html! {
         (section(

@@ -1,6 +1,6 @@
 // The report of a recorded drive: everything is in the page.
 
-$('brand').textContent = 'Sidehill: report of a drive';
+$('brand').textContent = 'Sidehill report';
 $('live').textContent = 'End';
 $('span').prepend(make('option', { value: '', textContent: 'all' }));
 $('span').value = '';
@@ -35,20 +35,10 @@ function timeAxis() {
   return [from, from + span];
 }
 
-$('live').onclick = () => seek(null);
 $('time').oninput = event => seek(Number(event.target.value));
 $('span').onchange = draw;
 
-// A click on the map shows the moment at which the vehicle was there.
-let pressed = null;
-map.addEventListener('pointerdown', event => { pressed = [event.offsetX, event.offsetY]; });
-map.addEventListener('click', event => {
-  if (!pressed || Math.hypot(event.offsetX - pressed[0], event.offsetY - pressed[1]) > 6) return;
-  const [x, y] = placeOf(event);
-  const far = frame => is(get(frame, 'x')) ? Math.hypot(get(frame, 'x') - x, get(frame, 'y') - y) : Infinity;
-  const nearest = drive.frames.reduce((best, frame) => far(frame) < far(best) ? frame : best);
-  if (far(nearest) * view.scale < 2 * FINGER) seek(nearest[0]);
-});
+onPlace(seek);
 
 // --- Words ---
 
@@ -151,12 +141,8 @@ function showVerdict() {
   else if (final) [kind, name] = final.kind === 'arrived' ? ['done', 'Arrived'] : ['waits', 'Stopped'];
   if (faults.length || (!lines.length && final)) lines.push(capital((last(faults) || final).cause));
   if (facts.damaged) lines.push(`The recording ends early: ${facts.damaged}`);
-  $('head').dataset.kind = kind;
-  $('icon').textContent = { done: '✓', stopped: '■', waits: '●' }[kind];
-  $('state').textContent = name;
-  $('reason').textContent = `${[...lines, `${digits(driven.distance_m, 3)} m in ${after(facts.duration_s)}`].join('. ')}.`;
-  $('link').textContent = BEGIN > 1e9 ? new Date(1000 * BEGIN).toLocaleString([], { dateStyle: 'medium', timeStyle: 'short' }) : '';
-  document.title = `${name} – Sidehill report`;
+  const reason = `${[...lines, `${digits(driven.distance_m, 3)} m in ${after(facts.duration_s)}`].join('. ')}.`;
+  tell(kind, name, reason, BEGIN > 1e9 ? new Date(1000 * BEGIN).toLocaleString([], { dateStyle: 'medium', timeStyle: 'short' }) : '');
 }
 showVerdict();
 
@@ -175,10 +161,6 @@ function show() {
   drawMap();
   const axis = timeAxis();
   for (const strip of STRIPS) drawStrip(strip, axis);
-  const time = cursor === null ? newest()[0] : cursor;
-  Object.assign($('time'), { min: oldest(), max: newest()[0], value: time });
-  $('clock').textContent = after(time - BEGIN);
-  $('time').setAttribute('aria-valuetext', after(time - BEGIN));
-  $('live').setAttribute('aria-pressed', cursor === null);
+  showTime(time => after(time - BEGIN));
 }
 draw();

@@ -18,7 +18,7 @@ const STRIPS = [
       { name: 'measured', of: f => get(f, 'traction'), colour: '--blue' },
       { name: 'commanded', of: f => get(f, 'traction_command'), colour: '--orange', dash: [6, 4] },
     ],
-    value: ([v]) => [is(v) ? v.toFixed(2) : '–', 'm/s'],
+    value: ([v]) => [is(v) ? fixed(v, 2) : '–', 'm/s'],
   },
   {
     name: 'Steer', unit: 'm/s', least: 0.1, zero: true,

@@ -62,8 +62,8 @@ const limitLines = limits => chart => {
   const { ctx, bbox } = chart, ratio = devicePixelRatio;
   ctx.save();
   ctx.font = `${12 * ratio}px system-ui, sans-serif`;
-  ctx.textAlign = 'right';
   ctx.textBaseline = 'alphabetic';
+  let before = -Infinity;
   for (const [value, name] of limits) {
     const y = chart.valToPos(value, 'y', true);
     if (y < bbox.top - 1 || y > bbox.top + bbox.height + 1) continue;
@@ -74,8 +74,11 @@ const limitLines = limits => chart => {
     ctx.moveTo(bbox.left, y);
     ctx.lineTo(bbox.left + bbox.width, y);
     ctx.stroke();
-    // Lines end at a name, so that it can be read.
-    const at = [bbox.left + bbox.width - 4 * ratio, y + (y < bbox.top + 20 * ratio ? 13 : -4) * ratio];
+    // Lines end at a name, so that it can be read; of two that are near each other one stands at the left.
+    const low = y + (y < bbox.top + 20 * ratio ? 13 : -4) * ratio, left = Math.abs(low - before) < 14 * ratio;
+    before = low;
+    ctx.textAlign = left ? 'left' : 'right';
+    const at = [left ? bbox.left + 4 * ratio : bbox.left + bbox.width - 4 * ratio, low];
     ctx.strokeStyle = colours['--panel'];
     ctx.lineWidth = 4 * ratio;
     ctx.setLineDash([]);

@@ -55,17 +55,37 @@ function seek(time) {
   draw();
 }
 
-/** Shows the time on slider and clock. */
-function showTime() {
-  const time = cursor === null ? newest()[0] : cursor;
-  Object.assign($('time'), { min: oldest(), max: newest()[0] });
-  $('time').value = time;
-  const ago = newest()[0] - time;
-  const long = ago < 100 ? `${ago.toFixed(0)} s` : `${(ago / 60).toFixed(1)} min`;
-  $('clock').textContent = clock(time);
+/** Shows the time on slider and clock, as a text of it. */
+function showTime(textOf = clock) {
+  const time = cursor ?? newest()[0];
+  Object.assign($('time'), { min: oldest(), max: newest()[0], value: time });
+  $('clock').textContent = textOf(time);
+  $('time').setAttribute('aria-valuetext', textOf(time));
+  if ($('live')) $('live').setAttribute('aria-pressed', cursor === null);
+}
+/** Says on the map how old what it shows is. */
+function showPast() {
+  const ago = newest()[0] - (cursor ?? newest()[0]);
   $('past').hidden = cursor === null;
-  $('past').textContent = `${long} ago`;
-  $('time').setAttribute('aria-valuetext', cursor === null ? 'now' : `${long} ago`);
+  $('past').textContent = `${ago < 100 ? `${ago.toFixed(0)} s` : `${(ago / 60).toFixed(1)} min`} ago`;
+}
+if ($('live')) $('live').onclick = () => seek(null);
+
+// --- State ---
+
+const ICONS = { drives: '▶', done: '✓', warns: '▲', stopped: '■', waits: '●', lost: '⚠' };
+let told = '';
+/** Says in large type what kind of state it is, its name and its reason, and how current it is. */
+function tell(kind, name, reason, link) {
+  const text = [kind, name, reason, link].join('|');
+  if (text === told) return;
+  told = text;
+  $('head').dataset.kind = kind;
+  $('icon').textContent = ICONS[kind];
+  $('state').textContent = name;
+  $('reason').textContent = reason.charAt(0).toUpperCase() + reason.slice(1);
+  $('link').textContent = link;
+  document.title = `${name} – Sidehill`;
 }
 
 let due = false;
@@ -215,6 +235,8 @@ function drawStrip(strip, [from, to]) {
   if (strip.box.hidden) {
     if (!lines.some(line => line.frames.some(frame => is(line.of(frame))))) return;
     strip.box.hidden = false;
+    // It may take room from others.
+    fit();
   }
   let label;
   if (strip.lines || !runs[0].name) {
@@ -340,6 +362,23 @@ map.addEventListener('pointermove', event => {
   }
   setMode('free');
 });
+
+/** Calls `found` with the moment at which a vehicle was where the map is clicked. */
+function onPlace(found) {
+  let pressed = null;
+  map.addEventListener('pointerdown', event => { pressed = [event.offsetX, event.offsetY]; });
+  map.addEventListener('click', event => {
+    if (!pressed || Math.hypot(event.offsetX - pressed[0], event.offsetY - pressed[1]) > 6) return;
+    const [x, y] = placeOf(event);
+    let [nearest, moment] = [2 * FINGER / view.scale, null];
+    for (const { frames } of inSight())
+      for (const frame of frames) {
+        const far = is(get(frame, 'x')) ? Math.hypot(get(frame, 'x') - x, get(frame, 'y') - y) : Infinity;
+        if (far < nearest) [nearest, moment] = [far, frame[0]];
+      }
+    if (moment !== null) found(moment);
+  });
+}
 
 /** Returns the height at a place between the nodes of a grid that have one: null where the nearest has none, nothing outside. */
 function heightIn({ corner, size, nodes, heights }, x, y) {
@@ -574,8 +613,9 @@ function drawVehicle(pen, frame, X, Y, s, { colour }) {
   pen.translate(X(x), Y(y));
   pen.rotate(-heading);
   pen.scale(1, -1);
-  // Forward is x, left is y.
+  // Forward is x, left is y. Of several vehicles what is below is seen.
   pen.fillStyle = colours['--ink'];
+  pen.globalAlpha = runs.length > 1 ? 0.5 : 1;
   for (const [wx, wy, diameter, broad] of wheels)
     pen.fillRect(s * (wx - diameter / 2), s * (wy - broad / 2), s * diameter, s * broad);
   pen.fillStyle = colours['--panel'];
