@@ -5,11 +5,7 @@ column = Object.fromEntries(given.columns.map((name, i) => [name, i]));
 parts = given;
 for (const run of given.runs) runs.push({ ...run, dash: dashOf(run.colour), plan: [] });
 
-// --- Ground ---
-
-const { plane, grid } = given.ground || {};
-const heightAt = plane ? (x, y) => plane[0] + plane[1] * x + plane[2] * y : grid ? (x, y) => heightIn(grid, x, y) : () => undefined;
-if (plane || grid) ground = groundOf(heightAt);
+takeGround();
 
 // --- Time ---
 
@@ -49,7 +45,7 @@ function say(text) {
 const HINT = 'A click on a line shows its moment in the plots.';
 say(HINT);
 map.addEventListener('pointermove', event => {
-  const [x, y] = placeOf(event), height = heightAt(x, y), { earth } = given;
+  const [x, y] = placeOf(event), height = given.ground && heightIn(given.ground, x, y), { earth } = given;
   const degrees = i => (earth[i] + earth[i + 2] * x + earth[i + 4] * y).toFixed(7);
   const up = is(height) ? `, height ${fixed(height, 2)} m` : '';
   say(`x ${fixed(x, 2)} m, y ${fixed(y, 2)} m${up}${earth ? `, ${degrees(0)}°, ${degrees(1)}°` : ''}`);

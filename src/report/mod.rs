@@ -181,7 +181,7 @@ fn learned_table(controller: &str, learned: &ContactEstimate) -> Markup {
         let from = if learned.observed(parameter) {
             "drive"
         } else {
-            "prior"
+            "configuration"
         };
         vec![
             parameter.key().to_owned(),

@@ -37,7 +37,7 @@ function drawPlot(element) {
   const chart = plotOf(element, {
     height: plot.height_px,
     x: xAxisOf(plot),
-    y: { scale: { range: rangeOf(plot), distr: plot.logarithmic ? 3 : 1 }, axis: { label: plot.y_title, size: 58 } },
+    y: { scale: { range: rangeOf(plot), distr: plot.logarithmic ? 3 : 1 }, axis: { label: plot.y_title, ...(!isNarrow() && { size: 58 }) } },
     lines: plot.lines.map(({ name, colour, dots }, i) => ({ name, colour, dash: dashOf(colour), dots: dots && (i % 2 ? 'full' : 'empty') })),
     limits: plot.limits,
     legend: true,

@@ -8,7 +8,7 @@ $('span').value = '';
 const facts = JSON.parse($('facts').textContent), drive = JSON.parse($('drive').textContent);
 column = Object.fromEntries(drive.columns.map((name, i) => [name, i]));
 ({ parts, events, obstacles } = drive);
-if (parts.ground) ground = groundOf((x, y) => heightIn(parts.ground, x, y));
+takeGround();
 runs.push({ colour: '--blue', frames: drive.frames, plan: [] });
 const BEGIN = newest()[0] - facts.duration_s;
 

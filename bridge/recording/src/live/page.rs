@@ -175,13 +175,19 @@ impl Page {
     }
 
     pub(super) fn keeping(kept: Kept) -> Self {
-        let mut page = Self {
+        Self::begun(kept, 1)
+    }
+
+    fn begun(kept: Kept, runs: u64) -> Self {
+        let now = SystemTime::now().duration_since(UNIX_EPOCH);
+        let started = now.map_or(0, |now| now.as_nanos());
+        Self {
             kept,
             newest: BTreeMap::new(),
             newest_ns: 0,
             next_ns: 0,
-            run: String::new(),
-            runs: 0,
+            run: format!("{started:x}.{runs}"),
+            runs,
             frames: History::new(kept.frames),
             events: History::new(kept.events),
             obstacles: History::new(kept.obstacles),
@@ -191,27 +197,18 @@ impl Page {
             version: 0,
             reason: String::new(),
             waits_for: String::new(),
-        };
-        page.begin();
-        page
+        }
     }
 
     /// Begins from nothing but the vehicle.
     fn begin(&mut self) {
-        let now = SystemTime::now().duration_since(UNIX_EPOCH);
-        let started = now.map_or(0, |now| now.as_nanos());
-        self.runs += 1;
-        self.run = format!("{started:x}.{}", self.runs);
-        self.newest.clear();
-        self.next_ns = 0;
-        self.frames = History::new(self.kept.frames);
-        self.events = History::new(self.kept.events);
-        self.obstacles = History::new(self.kept.obstacles);
-        self.next_obstacles_ns = 0;
-        self.newest_obstacles.clear();
-        self.parts.retain(|name, _| *name == "vehicle");
-        self.reason.clear();
-        self.waits_for.clear();
+        let mut parts = std::mem::take(&mut self.parts);
+        parts.retain(|name, _| *name == "vehicle");
+        *self = Self {
+            parts,
+            version: self.version,
+            ..Self::begun(self.kept, self.runs + 1)
+        };
     }
 
     /// Takes a message of a drive.
@@ -378,7 +375,9 @@ impl Page {
         }
         self.next_obstacles_ns = time_ns + self.kept.obstacles_ns;
         let time_s = time_ns as f64 / 1e9;
-        self.obstacles.push(format!("[{time_s:.1}{obstacles}]"));
+        let view = format!("[{time_s:.1}{obstacles}]");
+        self.set("obstacles", view.clone());
+        self.obstacles.push(view);
         self.newest_obstacles = obstacles;
     }
 
@@ -603,8 +602,6 @@ pub(super) struct Reader {
     /// Numbers of earlier frames that it lacks: from, to.
     earlier: [u64; 2],
     event: u64,
-    /// Number of the next view of the obstacles.
-    obstacles: u64,
     versions: BTreeMap<&'static str, u64>,
 }
 
@@ -621,7 +618,6 @@ impl Reader {
             next: 0,
             earlier: [frame.unwrap_or(0), 0],
             event: event.unwrap_or(0),
-            obstacles: 0,
             versions: BTreeMap::new(),
         }
     }
@@ -633,7 +629,7 @@ impl Reader {
         let begins = self.versions.is_empty() || self.run != page.run;
         if begins {
             if self.run != page.run {
-                (self.earlier, self.event, self.obstacles) = ([0, 0], 0, 0);
+                (self.earlier, self.event) = ([0, 0], 0);
                 self.versions.clear();
             }
             page.run.clone_into(&mut self.run);
@@ -658,12 +654,6 @@ impl Reader {
             let list = events.list(self.event.max(events.first)..events.end());
             let _ = write!(text, ",\"events\":[{list}]");
             self.event = events.end();
-        }
-        let obstacles = &page.obstacles;
-        if obstacles.end() > self.obstacles {
-            let list = obstacles.list(obstacles.first..obstacles.end());
-            let _ = write!(text, ",\"obstacles\":[{list}]");
-            self.obstacles = obstacles.end();
         }
         let mut parts = Vec::new();
         for (name, (version, part)) in &page.parts {

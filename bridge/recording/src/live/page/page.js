@@ -60,11 +60,12 @@ function take(message) {
     events.splice(0, events.length - 200);
     showEvents();
   }
+  const more = message.parts || {};
+  Object.assign(parts, more);
   // Those from before this page was opened are not known.
-  if (message.obstacles) obstacles = [...obstacles, ...message.obstacles].slice(-KEPT_S);
-  if (message.parts) Object.assign(parts, message.parts);
-  if (message.parts && message.parts.diagnostics) showDiagnostics();
-  if (message.parts && message.parts.ground) [ground, picture] = [groundOf((x, y) => heightIn(parts.ground, x, y)), null];
+  if (more.obstacles) obstacles = [...obstacles, more.obstacles].slice(-KEPT_S);
+  if (more.diagnostics) showDiagnostics();
+  if (more.ground) takeGround();
   if (message.have) have = message.have;
   draw();
 }

@@ -291,11 +291,17 @@ fn obstacles_come_where_they_have_changed_and_at_a_stop() {
     told(&mut page, 1, 2.0);
     let mut reader = Reader::new(None);
     let first = read(&mut reader, &page).unwrap();
-    assert_eq!(first["obstacles"], json!([[1.0, 0.05, 2, 1, 2.5, 1]]));
+    assert_eq!(
+        first["parts"]["obstacles"],
+        json!([1.0, 0.05, 2, 1, 2.5, 1])
+    );
     told(&mut page, 2, 2.0);
-    assert!(read(&mut reader, &page).is_none_or(|message| message["obstacles"].is_null()));
+    assert!(read(&mut reader, &page).is_none_or(|message| message["parts"]["obstacles"].is_null()));
     told(&mut page, 3, 2.1);
-    assert_eq!(read(&mut reader, &page).unwrap()["obstacles"][0][2], 2.1);
+    assert_eq!(
+        read(&mut reader, &page).unwrap()["parts"]["obstacles"][2],
+        2.1
+    );
     assert!(!page.newest.contains_key(&Topic::Scene));
 
     // Of a whole drive of 10 min, every 3 s; and what is known when the state has changed.

@@ -394,18 +394,21 @@ function heightIn({ corner, size, nodes, heights }, x, y) {
     }
   return sum / weights;
 }
-/** Returns ground with such heights. */
-const groundOf = heightAt => ({
-  heights: (x, y, side, count) => Array.from({ length: count * count }, (_, i) =>
-    heightAt(x + side * (i % count) / (count - 1), y + side * Math.floor(i / count) / (count - 1))),
-});
-
 /** Ground below the map: `heights` and `slippery` return heights, m, and how slippery it is, 0 to 1, at the nodes of a square, row
  * by row from its corner of the lowest x and y, a side and a count of nodes along it. */
 let ground = null;
 /** The ground as a picture of bands of height: `canvas`, place of its corner, side, m, and scale of the map. */
 let picture = null;
 const GROUND_POINTS = 200;
+
+/** Shows the ground of `parts`, the nodes of a grid. */
+function takeGround() {
+  picture = null;
+  ground = parts.ground && {
+    heights: (x, y, side, count) => Array.from({ length: count * count }, (_, i) =>
+      heightIn(parts.ground, x + side * (i % count) / (count - 1), y + side * Math.floor(i / count) / (count - 1))),
+  };
+}
 
 function pictureGround() {
   const side = 1.6 * Math.max(map.clientWidth, map.clientHeight) / view.scale;
