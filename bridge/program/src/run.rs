@@ -242,8 +242,8 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
                 .take_fixes()
                 .iter()
                 .for_each(|fix| recording.fix(fix));
-            if let Some(obstacles) = inputs.take_obstacles() {
-                recording.obstacles(epoch.elapsed_s(), obstacles);
+            if let Some((time_s, obstacles)) = inputs.take_obstacles() {
+                recording.obstacles(time_s, obstacles);
             }
         }
         screen.record(&mut recorder, files.as_mut(), recording.as_mut());

@@ -75,8 +75,9 @@ impl WholeDrive {
     }
 
     /// Returns the drive as JSON: `columns` names the entries of each of `frames`, `states` the values of the column
-    /// `state`; `events` have time, level, name and text; `obstacles` have the time from which on they
-    /// were known, the side of a cell, and x, y, x, y of the ends of each row of cells; `parts` are path, vehicle, diagnostics and status at the end.
+    /// `state`; `events` have time, level, name and text; `obstacles` have the time from which on they were known, the side
+    /// of a cell, and x, y, x, y of the ends of each row of cells; `parts` are path, vehicle, diagnostics and status at the
+    /// end.
     pub fn json(&self) -> String {
         self.0.json()
     }

@@ -34,7 +34,7 @@ pub(crate) struct SharedInputs {
     last_rejection: Mutex<String>,
     notes: Mutex<VecDeque<InputEvent>>,
     fixes: Mutex<VecDeque<FixReading>>,
-    obstacles: Mutex<Option<Obstacles>>,
+    obstacles: Mutex<Option<(f64, Obstacles)>>,
     rejected: AtomicU64,
     graph: Mutex<GraphMonitor>,
     estop_publishers: Mutex<EmergencyStopMonitor>,
@@ -95,13 +95,13 @@ impl SharedInputs {
         std::mem::take(&mut *locked(&self.fixes))
     }
 
-    /// Keeps the obstacles for recording and live view: the newest.
-    pub(crate) fn show_obstacles(&self, obstacles: Obstacles) {
-        *locked(&self.obstacles) = Some(obstacles);
+    /// Keeps the obstacles at a time, s, for recording and live view: the newest.
+    pub(crate) fn show_obstacles(&self, time_s: f64, obstacles: Obstacles) {
+        *locked(&self.obstacles) = Some((time_s, obstacles));
     }
 
-    /// Returns the obstacles unless the last call did.
-    pub(crate) fn take_obstacles(&self) -> Option<Obstacles> {
+    /// Returns the obstacles and their time, s, unless the last call did.
+    pub(crate) fn take_obstacles(&self) -> Option<(f64, Obstacles)> {
         locked(&self.obstacles).take()
     }
 

@@ -259,7 +259,7 @@ impl ControllerServer {
             ),
         );
         let obstacles = seen.map(|surroundings| surroundings.obstacles());
-        inputs.show_obstacles(obstacles.unwrap_or_default());
+        inputs.show_obstacles(now_s, obstacles.unwrap_or_default());
     }
 
     fn step_session(&mut self, now_s: f64, status: Option<&LoopStatus>, clock_jumped: bool) {

@@ -116,8 +116,8 @@ impl Ros2Inputs {
         self.0.take_fixes()
     }
 
-    /// Returns the obstacles, once a second, for recording and live view.
-    pub fn take_obstacles(&self) -> Option<Obstacles> {
+    /// Returns the obstacles and their time, s, once a second, for recording and live view.
+    pub fn take_obstacles(&self) -> Option<(f64, Obstacles)> {
         self.0.take_obstacles()
     }
 }

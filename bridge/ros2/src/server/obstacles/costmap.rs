@@ -277,14 +277,20 @@ impl Costmap {
     /// of so many.
     fn blocking_rows(&self, merged: usize) -> Vec<(usize, usize, usize)> {
         let mut rows = Vec::new();
+        let mut blocks = vec![false; self.width.div_ceil(merged)];
         for row in 0..self.height.div_ceil(merged) {
+            blocks.fill(false);
             let within = row * merged..self.height.min((row + 1) * merged);
-            let columns = within.flat_map(|row| self.blocking.of_row(row));
-            let mut columns: Vec<usize> = columns.map(|column| column / merged).collect();
-            columns.sort_unstable();
-            columns.dedup();
-            for run in columns.chunk_by(|left, right| left + 1 == *right) {
-                rows.push((row, run[0], run[0] + run.len()));
+            for column in within.flat_map(|row| self.blocking.of_row(row)) {
+                blocks[column / merged] = true;
+            }
+            let mut end = 0;
+            for run in blocks.chunk_by(|left, right| left == right) {
+                let from = end;
+                end += run.len();
+                if run[0] {
+                    rows.push((row, from, end));
+                }
             }
         }
         rows
