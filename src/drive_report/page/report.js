@@ -23,7 +23,9 @@ function visit(place, button) {
   $('span').value = MOMENT_S;
   seek(place.time_s);
   // Beside the map there is room for the plots.
-  $(matchMedia('(min-width: 60rem)').matches ? 'strips' : 'place').scrollIntoView({ block: 'start' });
+  const aim = $(matchMedia('(min-width: 60rem)').matches ? 'strips' : 'place');
+  aim.style.scrollMarginTop = `${$('head').offsetHeight + 8}px`;
+  aim.scrollIntoView({ block: 'start' });
 }
 
 /** Returns the ends of the time axis: all, or a span about the time shown. */
@@ -93,7 +95,7 @@ figures($('driven').querySelector('dl'), [
   ['tip-over margin, least', guard && known(guard.tip_over_margin_min, '')],
   ['grip used, largest', guard && `${(100 * guard.friction_use_max).toFixed(0)} %`],
   ['controller', facts.controller],
-  ['recorded by', `sidehill ${facts.command}, ${facts.version}`],
+  ['recorded by', `${facts.command} ${facts.version}`],
 ]);
 
 const amount = ({ found, unit }) => is(found) ? `${Number.isInteger(found) ? found : digits(found)} ${unit}`.trim() : 'not recorded';
@@ -134,7 +136,7 @@ if (fixes) {
 function showVerdict() {
   const faults = facts.stops.filter(stop => stop.kind === 'fault'), final = last(facts.stops);
   const over = facts.limits.filter(limit => !limit.passed);
-  const lines = over.map(limit => `${capital(limit.name)}: ${amount(limit)}, allowed ${limit.is_least ? '≥' : '≤'} ${limit.limit}`);
+  const lines = over.map(limit => `${capital(limit.name)}: ${amount(limit)}, allowed ${limit.is_least ? '≥' : '≤'}\u00a0${limit.limit}`);
   let kind = 'waits', name = 'Driven';
   if (facts.passed !== null) [kind, name] = facts.passed ? ['done', 'Passed'] : ['stopped', 'Not passed'];
   else if (faults.length) [kind, name] = ['stopped', faults.length === 1 ? 'Stopped' : `Stopped ${faults.length} times`];
