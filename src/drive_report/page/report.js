@@ -50,7 +50,6 @@ function where(place) {
   if (is(place.latitude_deg)) return `${place.latitude_deg.toFixed(7)}°, ${place.longitude_deg.toFixed(7)}°`;
   return is(place.x_m) ? `x ${fixed(place.x_m, 2)} m, y ${fixed(place.y_m, 2)} m` : 'place not known';
 }
-const capital = text => text.charAt(0).toUpperCase() + text.slice(1);
 
 /** Lists moments: what it is, and more about it below. */
 function list(id, moments, none) {

@@ -77,7 +77,7 @@ function showDiagnostics() {
   const known = 'drives' in values;
   $('drives').hidden = !known;
   if (known) {
-    $('diagnosis').textContent = values.drives ? `${values.drives[0].toUpperCase()}${values.drives.slice(1)}.` : 'The motors reach the commanded speeds.';
+    $('diagnosis').textContent = values.drives ? `${capital(values.drives)}.` : 'The motors reach the commanded speeds.';
     $('diagnosis').className = values.drives ? 'short' : '';
     const figures = [
       ['largest traction', values.traction_reached_m_s, 'm/s'],

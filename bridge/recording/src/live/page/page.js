@@ -190,7 +190,7 @@ function showState() {
     link = `${behind.toFixed(0)} s behind`;
   }
   document.body.classList.toggle('lost', kind === 'lost');
-  tell(kind, name, reason, link);
+  tell(kind, name, capital(reason), link);
 }
 
 // --- All of it ---

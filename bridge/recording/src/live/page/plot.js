@@ -9,6 +9,8 @@ const make = (tag, props = {}, ...children) => {
 };
 const is = value => value !== null && value !== undefined && !Number.isNaN(value);
 
+const capital = text => text.charAt(0).toUpperCase() + text.slice(1);
+
 // --- Numbers ---
 
 /** Returns a number with so many decimals, without a minus before zeros. */

@@ -83,7 +83,7 @@ function tell(kind, name, reason, link) {
   $('head').dataset.kind = kind;
   $('icon').textContent = ICONS[kind];
   $('state').textContent = name;
-  $('reason').textContent = reason.charAt(0).toUpperCase() + reason.slice(1);
+  $('reason').textContent = reason;
   $('link').textContent = link;
   document.title = `${name} – Sidehill`;
 }
