@@ -73,13 +73,12 @@ for (const charts of Object.values(groups)) {
 }
 zooming = false;
 
-/** Shows or hides a run in all plots. */
-function showRun(run, on) {
-  for (const { chart, plot } of Object.values(groups).flat())
-    plot.lines.forEach((line, i) => { if (line.run === run) chart.setSeries(i + 1, { show: on }); });
-}
+// A box shows or hides a run in all plots.
 for (const box of document.querySelectorAll('input[data-run]'))
-  box.addEventListener('change', () => showRun(Number(box.dataset.run), box.checked));
+  box.addEventListener('change', () => {
+    for (const { chart, plot } of Object.values(groups).flat())
+      plot.lines.forEach((line, i) => { if (line.run === Number(box.dataset.run)) chart.setSeries(i + 1, { show: box.checked }); });
+  });
 // The page's scroll bar may have come while the plots were drawn.
 fit();
 document.body.dataset.plots = plots.length;

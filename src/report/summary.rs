@@ -1,6 +1,6 @@
 //! The figures of all runs, and a sentence about the best.
 
-use super::figures::{significant, two_digits};
+use super::figures::{fixed, significant, two_digits};
 use super::page::swatch;
 use super::scene::Style;
 use crate::record::{Run, Summary};
@@ -57,7 +57,7 @@ fn line(summary: &Summary, style: &Style) -> Markup {
     };
     let microseconds = |time_us: f64| {
         if has_qp {
-            number(time_us, 0)
+            fixed(time_us, 0)
         } else {
             "no QP".to_owned()
         }
@@ -71,21 +71,12 @@ fn line(summary: &Summary, style: &Style) -> Markup {
             td { (significant(summary.steer_total_variation_m_s)) }
             td { (significant(summary.mean_speed_m_s)) }
             td { (significant(summary.tread_speed_max_m_s)) }
-            td { (number(summary.time_s, 1)) }
+            td { (fixed(summary.time_s, 1)) }
             td.text { (end) }
             td { (microseconds(summary.solve_us.p50)) }
             td { (microseconds(summary.solve_us.p99)) }
             td { (summary.fallbacks) }
         }
-    }
-}
-
-/// Returns a number with its decimals, or a dash for NaN.
-fn number(value: f64, decimals: usize) -> String {
-    if value.is_finite() {
-        format!("{value:.decimals$}")
-    } else {
-        "\u{2013}".to_owned()
     }
 }
 
