@@ -93,7 +93,7 @@ function showDiagnostics() {
   for (const [key, text] of learned) {
     const name = words(key.slice(8)), unit = unitOf(key);
     const [, value, low, high, prior] = /^(\S+) \((\S+) to ([^,)]+)(.*)\)$/.exec(text) || [null, text, text, text, ''];
-    const write = number => digits(Number(number));
+    const write = number => digits(Number(number), 2, 4);
     if (prior) others.push(`${name} ${write(value)} ${unit}`.trim());
     else rows.push(make('tr', {}, ...[name, `${write(value)} ${unit}`, `${write(low)} to ${write(high)}`].map(textContent => make('td', { textContent }))));
   }

@@ -15,11 +15,11 @@ const capital = text => text.charAt(0).toUpperCase() + text.slice(1);
 
 /** Returns a number with so many decimals, without a minus before zeros. */
 const fixed = (value, places) => value.toFixed(places).replace(/^-(?=[0.]*$)/, '').replace('-', '\u2212');
-const digits = (value, n = 2) => {
+const digits = (value, n = 2, most = 3) => {
   if (!is(value)) return '–';
-  if (Math.abs(value) < 5e-4) return '0';
+  if (Math.abs(value) < 0.5 * 10 ** -most) return '0';
   const places = Math.max(0, n - 1 - Math.floor(Math.log10(Math.abs(value))));
-  return fixed(value, Math.min(places, 3));
+  return fixed(value, Math.min(places, most));
 };
 const signed = value => fixed(value, 1);
 const TICK = new Intl.NumberFormat('en', { maximumSignificantDigits: 5 });
