@@ -216,8 +216,7 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         let read: Vec<_> = level
             .chain(logs.slope.iter().map(|log| ("slope", log)))
             .collect();
-        let conclusions: Vec<String> = verdict.to_string().lines().map(str::to_owned).collect();
-        let page = page::html(&vehicle.name, found, &conclusions, &read);
+        let page = page::html(&vehicle.name, found, &verdict.to_string(), &read);
         output::write(path, page.as_bytes(), args.force)?;
     }
     match args.format {

@@ -1,9 +1,11 @@
 //! Parameters of a vehicle, validated once when they are read.
 
 mod motion;
+mod outline;
 mod turning;
 
 pub use motion::IcrMotion;
+pub use outline::Outline;
 
 use crate::bounds::Bounds;
 pub use crate::bounds::RangeError;

@@ -3,7 +3,7 @@
 use super::summary::Figures;
 use super::table::CampaignRow;
 use crate::report::figures::significant;
-use crate::report::page::{COLOURS, ReportPage, legend_of, table};
+use crate::report::page::{COLOURS, ReportPage, legend_of, section, table};
 use crate::report::plot::{Line, Plot};
 use maud::html;
 use std::collections::BTreeMap;
@@ -21,16 +21,9 @@ pub(super) fn html(campaign: &str, figures: &[Figures], rows: &[&CampaignRow]) -
         .collect();
     let lines = names.iter().zip(figures).zip(&errors);
     let lines = lines.map(|(((name, colour), figures), errors)| {
-        let mut ascending: Vec<f64> = errors.values().copied().collect();
-        ascending.sort_by(f64::total_cmp);
+        let errors = errors.values().map(|error_m| 100.0 * error_m);
         // Runs that did not complete are worse than all others: the line ends before 100 %.
-        let share = |index: usize| 100.0 * (index + 1) as f64 / figures.runs.max(1) as f64;
-        let points: Vec<[f64; 2]> = ascending
-            .iter()
-            .enumerate()
-            .map(|(index, error_m)| [share(index), 100.0 * error_m])
-            .collect();
-        Line::through(name, colour, None, &points)
+        Line::ascending(name, colour, None, errors, Some(figures.runs))
     });
     let plot = Plot {
         x_title: "share of the runs (%)".to_owned(),
@@ -65,13 +58,13 @@ pub(super) fn html(campaign: &str, figures: &[Figures], rows: &[&CampaignRow]) -
         summary: table(
             "figures",
             &[
-                "Controller",
+                "controller",
                 "runs",
                 "completed",
                 "median (cm)",
                 "p95 (cm)",
                 "worst (cm)",
-                "in run",
+                "worst run",
                 "mean speed (m/s)",
                 "tread max (m/s)",
                 "time (s)",
@@ -79,16 +72,13 @@ pub(super) fn html(campaign: &str, figures: &[Figures], rows: &[&CampaignRow]) -
             &cells,
         ),
         legend: html! {},
-        body: html! {
-            section.panel {
-                h2 { "All runs" }
-                figure {
-                    figcaption { "Each controller's runs in the order of their errors: a line further to the right and below is better." }
-                    (legend_of(&names))
-                    (plot.markup("runs"))
-                }
-            }
-        },
+        body: section(
+            "All runs",
+            "Each controller's runs in the order of their errors: a line further to the right and below is better.",
+            &legend_of(&names),
+            "runs",
+            &[plot],
+        ),
         map: None,
     };
     page.html()

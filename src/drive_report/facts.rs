@@ -253,9 +253,9 @@ impl DriveFacts {
             );
         }
         for limit in &self.limits {
-            let found = limit
-                .found
-                .map_or("not recorded".to_owned(), |found| fixed(found, 3));
+            let amount = |value: f64| format!("{value} {}", limit.unit).trim_end().to_owned();
+            let found = limit.found.map(|found| amount((1e3 * found).round() / 1e3));
+            let found = found.unwrap_or("not recorded".to_owned());
             let verdict = if limit.passed { "kept" } else { "EXCEEDED" };
             let bound = if limit.is_least {
                 "at least"
@@ -264,10 +264,7 @@ impl DriveFacts {
             };
             add(
                 verdict,
-                format!(
-                    "{}: {found} {}, {bound} {}",
-                    limit.name, limit.unit, limit.limit
-                ),
+                format!("{}: {found}, {bound} {}", limit.name, amount(limit.limit)),
             );
         }
         if let Some(reason) = &self.damaged {

@@ -3,7 +3,7 @@
 use super::found::{Found, StageResult};
 use super::report::{contact_table, extension_table};
 use crate::report::figures::{decimals, fixed, two_digits};
-use crate::report::page::{COLOURS, ReportPage, legend_of, table};
+use crate::report::page::{COLOURS, ReportPage, legend_of, section, table};
 use crate::report::plot::{Line, Plot};
 use maud::{Markup, html};
 use sidehill_plant::log::{DriveLog, LogRow};
@@ -12,23 +12,24 @@ use sidehill_plant::log::{DriveLog, LogRow};
 pub(super) fn html(
     vehicle: &str,
     found: &Found,
-    conclusions: &[String],
+    verdict: &str,
     logs: &[(&str, &DriveLog)],
 ) -> String {
+    let conclusions: Vec<String> = verdict.lines().map(for_page).collect();
     let page = ReportPage {
         title: "Identification",
         subtitle: &format!("Vehicle {vehicle}"),
-        conclusions,
+        conclusions: &conclusions,
         summary: html! {
             @if let Some(level) = &found.level { (parameters("level", "differential drive", level)) }
             @if let Some(slope) = &found.slope { (parameters("slope", "ICRHK", slope)) }
             @if let Some(extension) = &found.extension {
                 h2 { "Terms beyond ICRIK" }
-                pre tabindex="0" { (extension_table(extension)) }
+                pre tabindex="0" { (for_page(&extension_table(extension))) }
             }
             @if let Some(contact) = &found.contact {
                 h2 { "Contact vehicle" }
-                pre tabindex="0" { (contact_table(contact)) }
+                pre tabindex="0" { (for_page(&contact_table(contact))) }
             }
         },
         legend: html! {},
@@ -38,6 +39,13 @@ pub(super) fn html(
         map: None,
     };
     page.html()
+}
+
+/// Returns what the program prints as a page says it.
+fn for_page(text: &str) -> String {
+    text.replace("+-", "\u{b1}")
+        .replace("  - ", "\u{2022} ")
+        .replace("verdict:", "Verdict:")
 }
 
 fn parameters(stage: &str, baseline: &str, results: &StageResult) -> Markup {
@@ -74,7 +82,7 @@ fn parameters(stage: &str, baseline: &str, results: &StageResult) -> Markup {
     html! {
         h2 { "Parameters from " (stage) " ground" }
         p { (report.segments) " segments, " (report.poses) " poses" }
-        (table(&format!("{stage}-parameters"), &["parameter", "value", "95 % interval, +-"], &rows))
+        (table(&format!("{stage}-parameters"), &["parameter", "value", "95 % interval, \u{b1}"], &rows))
         h2 { "Errors on segments that were left out" }
         (table(&format!("{stage}-errors"), &["RMS", "lateral (m)", "longitudinal (m)", "yaw (rad)"], &errors))
         @for undetermined in &results.undetermined {
@@ -86,12 +94,8 @@ fn parameters(stage: &str, baseline: &str, results: &StageResult) -> Markup {
 
 fn log_section(number: usize, stage: &str, log: &DriveLog) -> Markup {
     let line = |name: &str, colour: &str, value: &dyn Fn(&LogRow) -> f64| {
-        let points: Vec<[f64; 2]> = log
-            .rows()
-            .iter()
-            .map(|row| [row.time_s, value(row)])
-            .collect();
-        Line::through(name, colour, None, &points)
+        let rows = log.rows().iter();
+        Line::with_gaps(name, colour, rows.map(|row| [row.time_s, value(row)]))
     };
     let plots = [
         Plot::over_time(
@@ -115,16 +119,16 @@ fn log_section(number: usize, stage: &str, log: &DriveLog) -> Markup {
             ],
         ),
     ];
-    html! {
-        section.panel {
-            h2 { "Log " (number) ", " (stage) " ground" }
-            figure {
-                figcaption { "What the treads did and how the vehicle stood; " (log.pose_count()) " rows have a pose." }
-                (legend_of(&[("left, roll", COLOURS[0]), ("right, pitch", COLOURS[1])]))
-                @for plot in &plots { (plot.markup(&format!("log{number}"))) }
-            }
-        }
-    }
+    section(
+        &format!("Log {number}, {stage} ground"),
+        &format!(
+            "What the treads did and how the vehicle stood; {} rows have a pose.",
+            log.pose_count()
+        ),
+        &legend_of(&[("left, roll", COLOURS[0]), ("right, pitch", COLOURS[1])]),
+        &format!("log{number}"),
+        &plots,
+    )
 }
 
 #[cfg(test)]
@@ -213,7 +217,7 @@ mod tests {
             }),
             contact: Some(contact(true, 9)),
         };
-        let page = html("j8", &found, &[], &[]);
+        let page = html("j8", &found, "", &[]);
         for part in [
             "Parameters from level ground",
             "Parameters from slope ground",

@@ -9,9 +9,6 @@ use sidehill_plant::frames::wrap_angle;
 use sidehill_plant::odometry::{Comparison, MeanSquaredErrors};
 use sidehill_plant::vehicle::Vehicle;
 
-/// Time between two poses of the log that is a gap, s.
-const GAP_S: f64 = 1.0;
-
 /// What the slope terms of a model act on.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Slope {
@@ -52,16 +49,9 @@ pub(super) fn html(
         .collect();
     let over_time = |title: &str, value: &dyn Fn(&Comparison) -> f64| {
         let line = |(comparisons, (name, colour)): (&Vec<Comparison>, &(&str, &str))| {
-            let mut points: Vec<[f64; 2]> = Vec::new();
-            for comparison in comparisons {
-                let before_s = points.last().map_or(f64::NAN, |point| point[0]);
-                // A gap of the log, after which the reckoning starts again.
-                if comparison.time_s - before_s > GAP_S {
-                    points.push([before_s + 1e-3, f64::NAN]);
-                }
-                points.push([comparison.time_s, value(comparison)]);
-            }
-            Line::through(name, colour, None, &points)
+            // After a gap of the log the reckoning starts again.
+            let points = comparisons.iter();
+            Line::with_gaps(name, colour, points.map(|c| [c.time_s, value(c)]))
         };
         let lines = comparisons.iter().zip(&names).map(line).collect();
         Plot::over_time(title, 180.0, lines)
@@ -87,10 +77,6 @@ pub(super) fn html(
     let log_path = MapRun::through("log", COLOURS[6], measured, |_, _| None);
     let mut legend = names.clone();
     legend.push(("log", COLOURS[6]));
-    let body = [
-        2.0 * vehicle.base_half_length_m,
-        2.0 * vehicle.base_half_width_m,
-    ];
     let page = ReportPage {
         title: "Odometry",
         subtitle: &format!("Log {log}, vehicle {}", vehicle.name),
@@ -118,9 +104,14 @@ pub(super) fn html(
             "How far each model's dead reckoning is from the log's pose: it starts at a measured pose and drifts \
              until it starts again after a gap of the log.",
             &legend_of(&legend),
+            "time",
             &plots,
         ),
-        map: Some(PageMap::over(paths.chain([log_path]).collect(), &[], body)),
+        map: Some(PageMap::over(
+            paths.chain([log_path]).collect(),
+            &[],
+            vehicle,
+        )),
     };
     page.html()
 }

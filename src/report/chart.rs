@@ -11,10 +11,6 @@ pub(super) struct Panel<'a> {
     pub(super) title: &'a str,
     /// Limits, each with its label.
     pub(super) limits: Vec<(f64, String)>,
-    /// Largest absolute value shown, unless the runs determine it.
-    pub(super) magnified_to: Option<f64>,
-    /// Whether the axis is logarithmic.
-    pub(super) logarithmic: bool,
     /// The quantity at a cycle.
     pub(super) value: &'a dyn Fn(&Row) -> f64,
 }
@@ -68,8 +64,6 @@ impl Panel<'_> {
         Plot {
             x_title: x_title.to_owned(),
             limits: self.limits.clone(),
-            magnified_to: self.magnified_to,
-            logarithmic: self.logarithmic,
             ..Plot::over_time(
                 self.title,
                 height_px,

@@ -2,14 +2,10 @@
 
 const given = JSON.parse($('runs').textContent);
 column = Object.fromEntries(given.columns.map((name, i) => [name, i]));
-parts = { path: given.path, vehicle: { body: given.body, wheels: [] } };
+parts = given;
 for (const run of given.runs) runs.push({ ...run, dash: dashOf(run.colour), plan: [] });
 
-// --- Ground ---
-
-const { plane, grid } = given.ground || {};
-const heightAt = plane ? (x, y) => plane[0] + plane[1] * x + plane[2] * y : grid ? (x, y) => heightIn(grid, x, y) : () => undefined;
-if (plane || grid) ground = groundOf(heightAt);
+takeGround();
 
 // --- Time ---
 
@@ -17,8 +13,6 @@ const show = () => {
   drawMap();
   if (!newest()) return;
   showTime();
-  $('past').hidden = true;
-  $('live').setAttribute('aria-pressed', cursor === null);
 };
 /** Shows a time under the cursors of the plots. */
 function point(time) {
@@ -28,25 +22,13 @@ function point(time) {
 pointed = seek;
 $('live').textContent = 'End';
 $('span').remove();
-$('live').onclick = () => seek(null);
 $('time').oninput = event => {
   seek(Number(event.target.value));
   point(cursor);
 };
 
 const SPAN_S = 10;
-let pressed = null;
-map.addEventListener('pointerdown', event => { pressed = [event.offsetX, event.offsetY]; });
-map.addEventListener('click', event => {
-  if (!pressed || Math.hypot(event.offsetX - pressed[0], event.offsetY - pressed[1]) > 6) return;
-  const [x, y] = placeOf(event);
-  let [nearest, moment] = [2 * FINGER / view.scale, null];
-  for (const { frames } of inSight())
-    for (const frame of frames) {
-      const far = is(get(frame, 'x')) ? Math.hypot(get(frame, 'x') - x, get(frame, 'y') - y) : Infinity;
-      if (far < nearest) [nearest, moment] = [far, frame[0]];
-    }
-  if (moment === null) return;
+onPlace(moment => {
   seek(moment);
   const [first] = groups.time || [];
   if (first) first.chart.setScale('x', { min: moment - SPAN_S, max: moment + SPAN_S });
@@ -63,7 +45,7 @@ function say(text) {
 const HINT = 'A click on a line shows its moment in the plots.';
 say(HINT);
 map.addEventListener('pointermove', event => {
-  const [x, y] = placeOf(event), height = heightAt(x, y), { earth } = given;
+  const [x, y] = placeOf(event), height = given.ground && heightIn(given.ground, x, y), { earth } = given;
   const degrees = i => (earth[i] + earth[i + 2] * x + earth[i + 4] * y).toFixed(7);
   const up = is(height) ? `, height ${fixed(height, 2)} m` : '';
   say(`x ${fixed(x, 2)} m, y ${fixed(y, 2)} m${up}${earth ? `, ${degrees(0)}°, ${degrees(1)}°` : ''}`);

@@ -6,6 +6,7 @@ use serde::Serialize;
 use sidehill_controller::path::{GeodeticOrigin, Point2};
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::terrain::Terrain;
+use sidehill_plant::vehicle::{Outline, Vehicle};
 use std::f64::consts::FRAC_PI_2;
 
 /// Frames of a run, at most.
@@ -23,8 +24,7 @@ pub(crate) struct PageMap {
     pub(crate) runs: Vec<MapRun>,
     /// Path that was to be followed, x, y, x, y ..., m.
     path: Vec<f64>,
-    /// Length and width of the vehicle, m.
-    body: [f64; 2],
+    vehicle: Outline,
     ground: Option<MapGround>,
     /// Latitude and longitude, deg, of the origin, and their changes over a metre along x and along y.
     earth: Option<[f64; 6]>,
@@ -50,19 +50,13 @@ struct Mark {
     text: String,
 }
 
-/// Heights, m.
+/// Heights, m, at the nodes of a grid, row by row from the corner of its lowest x and y; none where there is no ground.
 #[derive(Debug, Clone, Serialize)]
-#[serde(rename_all = "snake_case")]
-enum MapGround {
-    /// Height at the origin, and its change over a metre along x and along y.
-    Plane([f64; 3]),
-    /// At the nodes of a grid, row by row from the corner of its lowest x and y; none where there is no ground.
-    Grid {
-        corner: [f64; 2],
-        size: [f64; 2],
-        nodes: [usize; 2],
-        heights: Vec<Option<f64>>,
-    },
+struct MapGround {
+    corner: [f64; 2],
+    size: [f64; 2],
+    nodes: [usize; 2],
+    heights: Vec<Option<f64>>,
 }
 
 impl MapRun {
@@ -135,11 +129,7 @@ impl PageMap {
                 gradient,
             )
         });
-        let body = [
-            2.0 * scene.base_half_length_m,
-            2.0 * scene.base_half_width_m,
-        ];
-        let mut map = Self::over(runs.collect(), &scene.path, body);
+        let mut map = Self::over(runs.collect(), &scene.path, scene.vehicle);
         map.ground = Some(map.ground_of(scene.terrain));
         map.earth = scene.datum.map(earth);
         map.marks = marks;
@@ -147,13 +137,13 @@ impl PageMap {
     }
 
     /// Returns the map of runs along a path, without ground.
-    pub(crate) fn over(runs: Vec<MapRun>, path: &[[f64; 2]], body: [f64; 2]) -> Self {
+    pub(crate) fn over(runs: Vec<MapRun>, path: &[[f64; 2]], vehicle: &Vehicle) -> Self {
         let path = path.as_flattened().iter();
         Self {
             columns: COLUMNS,
             runs,
             path: path.copied().filter_map(short).collect(),
-            body: body.map(|length_m| short(length_m).unwrap_or(0.0)),
+            vehicle: vehicle.outline(),
             ground: None,
             earth: None,
             marks: Vec::new(),
@@ -167,10 +157,6 @@ impl PageMap {
 
     /// Samples the ground of all that is to be seen.
     fn ground_of(&self, terrain: &Terrain) -> MapGround {
-        if let (Terrain::Plane(_), Ok(surface)) = (terrain, terrain.surface(0.0, 0.0)) {
-            let [along_x, along_y] = surface.gradient_in_world();
-            return MapGround::Plane([surface.height_m, along_x, along_y]);
-        }
         let frames = self.runs.iter().flat_map(|run| &run.frames);
         let driven = frames.filter_map(|frame| Some([frame[1]?, frame[2]?]));
         let path = self.path.chunks_exact(2).map(|at| [at[0], at[1]]);
@@ -184,19 +170,23 @@ impl PageMap {
         if low[0] > high[0] {
             (low, high) = ([0.0; 2], [0.0; 2]);
         }
-        // A window is broader than it is high, or the other way round.
-        let side = 1.6 * (high[0] - low[0]).max(high[1] - low[1]) + 4.0 * self.body[0];
+        // A window is broader than it is high, or the other way round. Four nodes tell a plane, also farther away.
+        let (nodes, sides) = match terrain {
+            Terrain::Plane(_) => (2, 20.0),
+            _ => (NODES, 1.6),
+        };
+        let side = sides * (high[0] - low[0]).max(high[1] - low[1]) + 4.0 * self.vehicle.body[0];
         let corner = [0, 1].map(|axis| 0.5 * (low[axis] + high[axis]) - 0.5 * side);
-        let at = |index: usize| side * index as f64 / (NODES - 1) as f64;
-        let heights = (0..NODES * NODES).map(|node| {
-            let (x_m, y_m) = (corner[0] + at(node % NODES), corner[1] + at(node / NODES));
+        let at = |index: usize| side * index as f64 / (nodes - 1) as f64;
+        let heights = (0..nodes * nodes).map(|node| {
+            let (x_m, y_m) = (corner[0] + at(node % nodes), corner[1] + at(node / nodes));
             let surface = terrain.surface(x_m, y_m).ok()?;
             short(surface.height_m)
         });
-        MapGround::Grid {
+        MapGround {
             corner,
             size: [side; 2],
-            nodes: [NODES; 2],
+            nodes: [nodes; 2],
             heights: heights.collect(),
         }
     }

@@ -15,13 +15,13 @@ mod table;
 pub use scene::Scene;
 pub use table::write_csv;
 
-use crate::record::Run;
+use crate::record::{Row, Run};
 use chart::Panel;
 use figures::significant;
 use map::PageMap;
 use maud::{Markup, PreEscaped, html};
 use page::{COLOURS, ReportPage, swatch};
-use panels::{attitude_panels, command_panels, cross_track_panels, icr_panels, margin_panels};
+use panels::{attitude_panels, command_panels, cross_track_panel, icr_panels, margin_panels};
 use plot::{Line, Plot};
 use scene::Style;
 use sidehill_controller::config::ControllerKind;
@@ -49,56 +49,48 @@ pub fn html(scene: &Scene, runs: &[Run]) -> String {
 }
 
 fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
-    let chart = |panels: &[Panel], height_px: f64| {
+    let figure = |title: &str, caption: &str, group: &str, plots: Vec<Plot>| {
+        page::section(title, caption, &html! {}, group, &plots)
+    };
+    let over_time = |panels: &[Panel], height_px: f64| -> Vec<Plot> {
         let plots = panels.iter();
-        let mut plots = plots.map(|panel| panel.plot(height_px, runs, styles));
-        html! { @for plot in plots.by_ref() { (plot.markup("time")) } }
+        plots
+            .map(|panel| panel.plot(height_px, runs, styles))
+            .collect()
     };
-    let with_difference = |panels: &[Panel], height_px: f64| {
-        let differences = panels
-            .iter()
-            .filter(|panel| panel.magnified_to.is_none() && !panel.logarithmic);
-        let mut differences = differences.filter_map(|panel| panel.difference(height_px, runs));
-        html! {
-            (chart(panels, height_px))
-            @for plot in differences.by_ref() { (plot.markup("time")) }
-        }
-    };
-    let along_path = |panels: &[Panel], height_px: f64| {
+    let differences = |panels: &[Panel], height_px: f64| -> Vec<Plot> {
         let plots = panels.iter();
-        let mut plots = plots.map(|panel| panel.along_path(height_px, runs, styles));
-        html! { @for plot in plots.by_ref() { (plot.markup("path")) } }
+        plots
+            .filter_map(|panel| panel.difference(height_px, runs))
+            .collect()
     };
-    let figure = |title: &str, caption: &str, drawing: &Markup| {
-        html! {
-            section.panel {
-                h2 { (title) }
-                figure {
-                    figcaption { (caption) }
-                    div.multiples { (drawing) }
-                }
-            }
-        }
-    };
-    let errors = cross_track_panels(runs);
     let delta = match styles {
         [one, other] => format!(" \u{394} is {} minus {}.", other.name, one.name),
         _ => String::new(),
     };
+    let errors = [cross_track_panel()];
+    let commands = command_panels(scene.limits);
+    // On a logarithmic axis what is below 0.1 mm would take most of the room.
+    let distances = |row: &Row| (100.0 * row.cross_track_m.abs()).clamp(0.01, f64::INFINITY);
+    let sizes = in_order("distance (cm)", &distances, runs, styles);
+    let times = in_order("QP solver (\u{b5}s)", &|row| row.solve_us, runs, styles);
     html! {
         (figure(
             "Cross-track error",
             &format!(
-                "How far the vehicle was from the path, to its left above zero and to its right \
-                 below{}; a flat line at zero is perfect.{delta}",
-                match errors.get(1) {
-                    Some(panel) if panel.logarithmic => ", the same again on a logarithmic axis",
-                    Some(_) => ", the same again with the axis magnified",
-                    None => "",
-                },
+                "How far the vehicle was from the path, to its left above zero and to its right below; a flat line at \
+                 zero is perfect.{delta}",
             ),
-            &with_difference(&errors, 230.0),
+            "time",
+            [over_time(&errors, 230.0), differences(&errors, 230.0)].concat(),
         ))
+        @if !sizes.is_empty() { (figure(
+            "Cross-track error by size",
+            "The distances from the path of each controller in their order, on a logarithmic axis: a line further below \
+             is better, and its right end is the largest.",
+            "share",
+            sizes,
+        )) }
         (figure(
             "Commands",
             &format!(
@@ -106,7 +98,8 @@ fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
                  turns to the left above zero; nothing may pass the dashed limits, and a jagged line is \
                  a nervous controller.{delta}"
             ),
-            &with_difference(&command_panels(scene.limits), 220.0),
+            "time",
+            [over_time(&commands, 220.0), differences(&commands, 220.0)].concat(),
         ))
         @if let Some(guard) = scene.guard.filter(|_| runs.iter().any(|run| run.rows.iter().any(|row| row.slope.is_some()))) {
             (figure(
@@ -114,14 +107,16 @@ fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
                 "What the ground left: a tip-over margin of 1 stands level and one of 0 tips over; the use of \
                  friction is what slope and turn ask for over what the ground gives. The vehicle drives slower \
                  and stops before the dashed limits.",
-                &along_path(&margin_panels(guard), 200.0),
+                "path",
+                margin_panels(guard).iter().map(|panel| panel.along_path(200.0, runs, styles)).collect(),
             ))
         }
         (figure(
             "Attitude",
             "How the slope tilted the vehicle: roll is positive with the right side down, pitch with \
              the nose up; on an even slope one turns into the other as the vehicle turns.",
-            &chart(&attitude_panels(), 200.0),
+            "time",
+            over_time(&attitude_panels(), 200.0),
         ))
         (figure(
             "Tread ICRs",
@@ -129,54 +124,50 @@ fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
              right of the body's origin and ahead of it: the slope moves them, the rectangle of the \
              wheels (dashed) limits them, they jump where the turn changes its side, and there are \
              none to show while the vehicle goes straight or stands.",
-            &chart(&icr_panels(scene), 200.0),
+            "time",
+            over_time(&icr_panels(scene), 200.0),
         ))
         @for (run, learned) in runs.iter().filter_map(|run| Some((run, learned_at_end(run)?))) {
             (learned_table(&run.summary.controller, &learned))
         }
-        (figure(
-            "Solve time",
-            &format!(
-                "The cycles of each controller in the order of their solve times, on a logarithmic axis: a line \
-                 further below is faster; a command is due every {:.0} ms ({:.0} \u{b5}s).",
-                1e3 * scene.period_s, 1e6 * scene.period_s,
-            ),
-            &solve_times(runs, styles),
-        ))
+        @if times.is_empty() {
+            section.panel { h2 { "Solve time" } p { "No run solved a QP." } }
+        } @else {
+            (figure(
+                "Solve time",
+                &format!(
+                    "The cycles of each controller in the order of their solve times, on a logarithmic axis: a line \
+                     further below is faster; a command is due every {:.0} ms.",
+                    1e3 * scene.period_s,
+                ),
+                "share",
+                times,
+            ))
+        }
     }
 }
 
-/// Returns the plot of the solve times in ascending order, of the runs that solved a QP.
-fn solve_times(runs: &[Run], styles: &[Style]) -> Markup {
-    let lines = runs
-        .iter()
-        .zip(styles)
-        .enumerate()
-        .filter_map(|(index, (run, style))| {
-            let times = run.rows.iter().map(|row| row.solve_us);
-            let mut times: Vec<f64> = times
-                .filter(|time_us| *time_us > 0.0 && time_us.is_finite())
-                .collect();
-            times.sort_by(f64::total_cmp);
-            let share = |place: usize| 100.0 * (place + 1) as f64 / times.len() as f64;
-            let points: Vec<[f64; 2]> = times
-                .iter()
-                .enumerate()
-                .map(|(place, time_us)| [share(place), *time_us])
-                .collect();
-            (!points.is_empty())
-                .then(|| Line::through(&style.name, style.colour, Some(index), &points))
-        });
-    let lines: Vec<Line> = lines.collect();
+/// Returns the plot of a quantity in ascending order, of the runs that have it; none where no run has.
+fn in_order(
+    y_title: &str,
+    value: &dyn Fn(&Row) -> f64,
+    runs: &[Run],
+    styles: &[Style],
+) -> Vec<Plot> {
+    let runs = runs.iter().zip(styles).enumerate();
+    let lines = runs.map(|(index, (run, style))| {
+        let values = run.rows.iter().map(value);
+        Line::ascending(&style.name, style.colour, Some(index), values, None)
+    });
+    let lines: Vec<Line> = lines.filter(|line| !line.x.is_empty()).collect();
     if lines.is_empty() {
-        return html! { p { "No run solved a QP." } };
+        return Vec::new();
     }
-    let plot = Plot {
+    vec![Plot {
         x_title: "share of the cycles (%)".to_owned(),
         logarithmic: true,
-        ..Plot::over_time("QP solver (\u{b5}s)", 230.0, lines)
-    };
-    plot.markup("share")
+        ..Plot::over_time(y_title, 230.0, lines)
+    }]
 }
 
 fn learned_at_end(run: &Run) -> Option<ContactEstimate> {
@@ -187,23 +178,23 @@ fn learned_at_end(run: &Run) -> Option<ContactEstimate> {
 fn learned_table(controller: &str, learned: &ContactEstimate) -> Markup {
     let row = |parameter: Parameter| {
         let (value, (low, high)) = learned.interval(parameter);
-        let note = if learned.observed(parameter) {
-            ""
+        let from = if learned.observed(parameter) {
+            "drive"
         } else {
-            "not excited by this drive: prior"
+            "configuration"
         };
         vec![
             parameter.key().to_owned(),
             significant(value),
             format!("{} to {}", significant(low), significant(high)),
-            note.to_owned(),
+            from.to_owned(),
         ]
     };
     let rows: Vec<Vec<String>> = Parameter::ALL.into_iter().map(row).collect();
     html! {
         section.panel {
             h2 { "Learned by " (controller) }
-            (page::table(&format!("learned-by-{controller}"), &["parameter", "value", "95 % interval", ""], &rows))
+            (page::table(&format!("learned-by-{controller}"), &["parameter", "value", "95 % interval", "from"], &rows))
         }
     }
 }

@@ -97,8 +97,14 @@ impl ReportPage<'_> {
     }
 }
 
-/// Returns a section: heading, what is to be seen, and plots that share a cursor with all others of the page.
-pub(crate) fn section(title: &str, caption: &str, legend: &Markup, plots: &[Plot]) -> Markup {
+/// Returns a section: heading, what is to be seen, and plots that share cursor and zoom with all others of their group.
+pub(crate) fn section(
+    title: &str,
+    caption: &str,
+    legend: &Markup,
+    group: &str,
+    plots: &[Plot],
+) -> Markup {
     html! {
         section.panel {
             h2 { (title) }
@@ -107,7 +113,7 @@ pub(crate) fn section(title: &str, caption: &str, legend: &Markup, plots: &[Plot
                 (legend)
                 div.multiples {
                     @for plot in plots {
-                        (plot.markup("time"))
+                        (plot.markup(group))
                     }
                 }
             }

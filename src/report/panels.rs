@@ -2,43 +2,19 @@
 
 use super::chart::Panel;
 use super::scene::Scene;
-use crate::record::{Row, Run};
+use crate::record::Row;
 use sidehill_controller::guard::GuardConfig;
 use sidehill_controller::mpc::limits::InputLimits;
 
 /// Steer speed below which a vehicle counts as going straight.
 const TURNING_M_S: f64 = 0.005;
 
-pub(super) fn cross_track_panels(runs: &[Run]) -> Vec<Panel<'static>> {
-    let centimetres = &|row: &Row| 100.0 * row.cross_track_m;
-    let panel = |title, magnified_to| Panel {
-        title,
+pub(super) fn cross_track_panel() -> Panel<'static> {
+    Panel {
+        title: "cross-track (cm)",
         limits: vec![(0.0, "on the path".to_owned())],
-        magnified_to,
-        logarithmic: false,
-        value: centimetres,
-    };
-    let largest = runs.iter().map(|run| run.summary.cross_track_max_m);
-    let largest: Vec<f64> = largest.filter(|m| m.is_finite() && *m > 0.0).collect();
-    let best = largest.iter().copied().fold(f64::INFINITY, f64::min);
-    let worst = largest.iter().copied().fold(0.0, f64::max);
-    let mut panels = vec![panel("cross-track (cm)", None)];
-    if worst > 100.0 * best {
-        panels.push(Panel {
-            title: "distance (cm), logarithmic",
-            limits: Vec::new(),
-            magnified_to: None,
-            logarithmic: true,
-            value: &|row| {
-                Some(100.0 * row.cross_track_m.abs())
-                    .filter(|cm| *cm > 1e-3)
-                    .unwrap_or(f64::NAN)
-            },
-        });
-    } else if worst > 5.0 * best {
-        panels.push(panel("magnified (cm)", Some(200.0 * best)));
+        value: &|row| 100.0 * row.cross_track_m,
     }
-    panels
 }
 
 pub(super) fn command_panels(limits: &InputLimits) -> [Panel<'static>; 2] {
@@ -51,15 +27,11 @@ pub(super) fn command_panels(limits: &InputLimits) -> [Panel<'static>; 2] {
         Panel {
             title: "traction \u{3c4} (m/s)",
             limits: both(limits.traction.speed_m_s),
-            magnified_to: None,
-            logarithmic: false,
             value: &|row| row.command.traction_m_s,
         },
         Panel {
             title: "steer \u{3c3} (m/s)",
             limits: both(limits.steer.speed_m_s),
-            magnified_to: None,
-            logarithmic: false,
             value: &|row| row.command.steer_m_s,
         },
     ]
@@ -76,15 +48,11 @@ pub(super) fn margin_panels(guard: &GuardConfig) -> [Panel<'static>; 3] {
         Panel {
             title: "tip-over margin",
             limits: limits(guard.rollover_margin_slow(), guard.rollover_margin_min),
-            magnified_to: None,
-            logarithmic: false,
             value: &|row| row.slope.map_or(f64::NAN, |slope| slope.margins.rollover),
         },
         Panel {
             title: "use of friction",
             limits: limits(guard.friction_use_slow, guard.friction_use_max),
-            magnified_to: None,
-            logarithmic: false,
             value: &|row| {
                 row.slope
                     .map_or(f64::NAN, |slope| slope.margins.friction_use)
@@ -93,8 +61,6 @@ pub(super) fn margin_panels(guard: &GuardConfig) -> [Panel<'static>; 3] {
         Panel {
             title: "share of speed",
             limits: vec![(1.0, "full speed".to_owned())],
-            magnified_to: None,
-            logarithmic: false,
             value: &|row| row.slope.map_or(f64::NAN, |slope| slope.speed_share),
         },
     ]
@@ -104,8 +70,6 @@ pub(super) fn attitude_panels() -> [Panel<'static>; 2] {
     let panel = |title, value| Panel {
         title,
         limits: vec![(0.0, "level".to_owned())],
-        magnified_to: None,
-        logarithmic: false,
         value,
     };
     [
@@ -119,29 +83,24 @@ pub(super) fn attitude_panels() -> [Panel<'static>; 2] {
 }
 
 pub(super) fn icr_panels(scene: &Scene) -> [Panel<'static>; 3] {
-    let (half_width_m, half_length_m) = (scene.base_half_width_m, scene.base_half_length_m);
+    let vehicle = scene.vehicle;
+    let (half_width_m, half_length_m) = (vehicle.base_half_width_m, vehicle.base_half_length_m);
     let edge =
         |value: f64, name: &str| (value, format!("{name} {value} m").replace('-', "\u{2212}"));
     [
         Panel {
             title: "right, x_r (m)",
             limits: vec![edge(half_width_m, "right edge")],
-            magnified_to: None,
-            logarithmic: false,
             value: &|row| while_turning(row, row.icrs.right_m),
         },
         Panel {
             title: "left, x_l (m)",
             limits: vec![edge(-half_width_m, "left edge")],
-            magnified_to: None,
-            logarithmic: false,
             value: &|row| while_turning(row, row.icrs.left_m),
         },
         Panel {
             title: "ahead, y (m)",
             limits: vec![edge(half_length_m, "front"), edge(-half_length_m, "rear")],
-            magnified_to: None,
-            logarithmic: false,
             value: &|row| while_turning(row, row.icrs.forward_m),
         },
     ]

@@ -6,6 +6,8 @@ use serde::Serialize;
 
 /// Intervals of a long line whose extremes are kept.
 const COLUMNS: usize = 700;
+/// Time between two points of a log that is a gap, s.
+const GAP_S: f64 = 1.0;
 
 /// Lines over a common quantity, mostly time.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -16,8 +18,6 @@ pub(crate) struct Plot {
     pub(crate) x_title: String,
     /// Height, px.
     pub(crate) height_px: f64,
-    /// Largest absolute value shown, unless the lines determine it.
-    pub(crate) magnified_to: Option<f64>,
     /// Whether the vertical axis is logarithmic.
     pub(crate) logarithmic: bool,
     /// Whether the horizontal axis is.
@@ -74,6 +74,40 @@ impl Line {
 }
 
 impl Line {
+    /// Returns a line through points over time, s, which has a gap where there is none for a second.
+    pub(crate) fn with_gaps(
+        name: &str,
+        colour: &str,
+        points: impl Iterator<Item = [f64; 2]>,
+    ) -> Self {
+        let mut all: Vec<[f64; 2]> = Vec::new();
+        for point in points {
+            let before_s = all.last().map_or(f64::NAN, |point| point[0]);
+            if point[0] - before_s > GAP_S {
+                all.push([before_s + 1e-3, f64::NAN]);
+            }
+            all.push(point);
+        }
+        Self::through(name, colour, None, &all)
+    }
+
+    /// Returns a line through the values above 0 in ascending order, over their share, %, of so many or of all of them.
+    pub(crate) fn ascending(
+        name: &str,
+        colour: &str,
+        run: Option<usize>,
+        values: impl Iterator<Item = f64>,
+        count: Option<usize>,
+    ) -> Self {
+        let mut values: Vec<f64> = values.filter(|v| *v > 0.0 && v.is_finite()).collect();
+        values.sort_by(f64::total_cmp);
+        let count = count.unwrap_or(values.len()) as f64;
+        let share = |place: usize| 100.0 * (place + 1) as f64 / count;
+        let points = values.iter().enumerate();
+        let points: Vec<[f64; 2]> = points.map(|(place, v)| [share(place), *v]).collect();
+        Self::through(name, colour, run, &points)
+    }
+
     /// Returns dots at points with finite coordinates.
     pub(crate) fn dots(name: &str, colour: &str, points: &[[f64; 2]]) -> Self {
         let mut points: Vec<[f64; 2]> = points
@@ -100,7 +134,6 @@ impl Plot {
             y_title: y_title.into(),
             x_title: "time (s)".to_owned(),
             height_px,
-            magnified_to: None,
             logarithmic: false,
             x_logarithmic: false,
             limits: Vec::new(),

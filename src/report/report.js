@@ -10,7 +10,6 @@ for (const piece of document.querySelectorAll('.swatch[data-colour]'))
 
 function rangeOf(plot) {
   return (_, low, high) => {
-    if (plot.magnified_to !== null) return [-plot.magnified_to, plot.magnified_to];
     // No line is shown.
     if (!is(low)) return plot.logarithmic ? [0.1, 10] : [0, 1];
     if (plot.logarithmic) return uPlot.rangeLog(low, high, 10, false);
@@ -20,6 +19,16 @@ function rangeOf(plot) {
   };
 }
 
+/** Returns the horizontal axis: counts have no fractions, and uPlot names the powers of ten only. */
+function xAxisOf({ x_title: name, x_logarithmic, lines }) {
+  if (x_logarithmic) return {
+    name, scale: { distr: 3, range: (_, low, high) => uPlot.rangeLog(low ?? 1, high ?? 10, 10, false) },
+    axis: { label: name, filter: (_, values) => values.map(value => /^[125]/.test(value.toExponential()) ? value : null) },
+  };
+  const counts = lines.every(({ x }) => x.every(Number.isInteger));
+  return { name, scale: {}, axis: { label: name, ...(counts && { incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000] }) } };
+}
+
 function drawPlot(element) {
   const plot = JSON.parse(element.querySelector('script').textContent);
   const { group } = element.dataset;
@@ -27,8 +36,8 @@ function drawPlot(element) {
   const table = line => [line.x, line.y];
   const chart = plotOf(element, {
     height: plot.height_px,
-    x: { name: plot.x_title, scale: plot.x_logarithmic ? { distr: 3, range: (_, low, high) => uPlot.rangeLog(low ?? 1, high ?? 10, 10, false) } : {}, axis: { label: plot.x_title } },
-    y: { scale: { range: rangeOf(plot), distr: plot.logarithmic ? 3 : 1 }, axis: { label: plot.y_title, size: 58 } },
+    x: xAxisOf(plot),
+    y: { scale: { range: rangeOf(plot), distr: plot.logarithmic ? 3 : 1 }, axis: { label: plot.y_title, ...(!isNarrow() && { size: 58 }) } },
     lines: plot.lines.map(({ name, colour, dots }, i) => ({ name, colour, dash: dashOf(colour), dots: dots && (i % 2 ? 'full' : 'empty') })),
     limits: plot.limits,
     legend: true,
@@ -64,13 +73,12 @@ for (const charts of Object.values(groups)) {
 }
 zooming = false;
 
-/** Shows or hides a run in all plots. */
-function showRun(run, on) {
-  for (const { chart, plot } of Object.values(groups).flat())
-    plot.lines.forEach((line, i) => { if (line.run === run) chart.setSeries(i + 1, { show: on }); });
-}
+// A box shows or hides a run in all plots.
 for (const box of document.querySelectorAll('input[data-run]'))
-  box.addEventListener('change', () => showRun(Number(box.dataset.run), box.checked));
+  box.addEventListener('change', () => {
+    for (const { chart, plot } of Object.values(groups).flat())
+      plot.lines.forEach((line, i) => { if (line.run === Number(box.dataset.run)) chart.setSeries(i + 1, { show: box.checked }); });
+  });
 // The page's scroll bar may have come while the plots were drawn.
 fit();
 document.body.dataset.plots = plots.length;

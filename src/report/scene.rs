@@ -2,6 +2,7 @@ use sidehill_controller::guard::GuardConfig;
 use sidehill_controller::mpc::limits::InputLimits;
 use sidehill_controller::path::GeodeticOrigin;
 use sidehill_plant::terrain::Terrain;
+use sidehill_plant::vehicle::Vehicle;
 
 /// Properties shared by all runs of a report.
 #[derive(Debug, Clone)]
@@ -22,10 +23,8 @@ pub struct Scene<'a> {
     pub datum: Option<GeodeticOrigin>,
     /// Whether the controllers got the true state: no errors, delays or gaps.
     pub perfect_sensors: bool,
-    /// Half width of the rectangle of the wheels' contact points, m.
-    pub base_half_width_m: f64,
-    /// Half length of it, m.
-    pub base_half_length_m: f64,
+    /// What drives.
+    pub vehicle: &'a Vehicle,
     /// Control period, s.
     pub period_s: f64,
 }

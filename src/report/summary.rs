@@ -1,6 +1,6 @@
 //! The figures of all runs, and a sentence about the best.
 
-use super::figures::{significant, two_digits};
+use super::figures::{fixed, significant, two_digits};
 use super::page::swatch;
 use super::scene::Style;
 use crate::record::{Run, Summary};
@@ -19,14 +19,14 @@ pub(super) fn summary(runs: &[Run], styles: &[Style], perfect_sensors: bool) -> 
             table id="figures" {
                 thead {
                     tr {
-                        th.name rowspan="2" { "Controller" }
-                        th colspan="3" { "Cross-track error (cm)" }
-                        th rowspan="2" title="sum of all changes of the steer command" { "Steer total" (PreEscaped("<br/>")) "variation (m/s)" }
-                        th colspan="2" { "Speed (m/s)" }
-                        th rowspan="2" { "Time (s)" }
-                        th.name rowspan="2" { "Reached the end" }
+                        th.name rowspan="2" { "controller" }
+                        th colspan="3" { "cross-track error (cm)" }
+                        th rowspan="2" title="sum of all changes of the steer command" { "steer total" (PreEscaped("<br/>")) "variation (m/s)" }
+                        th colspan="2" { "speed (m/s)" }
+                        th rowspan="2" { "time (s)" }
+                        th.name rowspan="2" { "reached the end" }
                         th colspan="2" { "QP solve time (\u{b5}s)" }
-                        th rowspan="2" title="cycles that drove on the previous plan" { "Fallbacks" }
+                        th rowspan="2" title="cycles that drove on the previous plan" { "fallbacks" }
                     }
                     tr {
                         th { "RMS" }
@@ -57,7 +57,7 @@ fn line(summary: &Summary, style: &Style) -> Markup {
     };
     let microseconds = |time_us: f64| {
         if has_qp {
-            number(time_us, 0)
+            fixed(time_us, 0)
         } else {
             "no QP".to_owned()
         }
@@ -71,21 +71,12 @@ fn line(summary: &Summary, style: &Style) -> Markup {
             td { (significant(summary.steer_total_variation_m_s)) }
             td { (significant(summary.mean_speed_m_s)) }
             td { (significant(summary.tread_speed_max_m_s)) }
-            td { (number(summary.time_s, 1)) }
+            td { (fixed(summary.time_s, 1)) }
             td.text { (end) }
             td { (microseconds(summary.solve_us.p50)) }
             td { (microseconds(summary.solve_us.p99)) }
             td { (summary.fallbacks) }
         }
-    }
-}
-
-/// Returns a number with its decimals, or a dash for NaN.
-fn number(value: f64, decimals: usize) -> String {
-    if value.is_finite() {
-        format!("{value:.decimals$}")
-    } else {
-        "\u{2013}".to_owned()
     }
 }
 

@@ -54,8 +54,7 @@ pub(super) fn write_out(
         datum,
         perfect_sensors: prepared.sensors == SensorsConfig::default(),
         limits: &prepared.controller.limits,
-        base_half_width_m: prepared.vehicle.base_half_width_m,
-        base_half_length_m: prepared.vehicle.base_half_length_m,
+        vehicle: &prepared.vehicle,
         period_s: prepared.controller.period_s,
     };
     let html = report::html(&scene, runs);

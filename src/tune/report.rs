@@ -145,15 +145,15 @@ fn steer(outcome: &TuningOutcome, figures: TrialFigures) -> String {
 
 fn rows(outcome: &TuningOutcome) -> Vec<(String, TrialFigures, String)> {
     let both = |name: &str, comparison: &TrialComparison| {
-        let runs = format!("{}..{}", comparison.runs.start, comparison.runs.end);
+        let runs = format!("{} to {}", comparison.runs.start, comparison.runs.end - 1);
         let cost = format!("{:.3}", comparison.cost);
         [
             (
-                format!("{name} {runs} before"),
+                format!("{name} {runs}, before"),
                 comparison.before,
                 String::new(),
             ),
-            (format!("{name} {runs} after"), comparison.after, cost),
+            (format!("{name} {runs}, after"), comparison.after, cost),
         ]
     };
     let training = both("training", &outcome.training);
@@ -205,25 +205,24 @@ pub fn html(outcome: &TuningOutcome) -> String {
         })
         .collect();
     let summary = html! {
-        (html_table("figures", &["Runs", "Completed", "Median RMS (cm)", "p95 RMS (cm)", "Steer total variation (m/s)", "Mean cost"], &runs))
+        (html_table("figures", &["runs", "completed", "median RMS (cm)", "p95 RMS (cm)", "steer total variation (m/s)", "mean cost"], &runs))
         h2 { "Settings" }
-        (html_table("settings", &["Key of controller", "Before", "After", "Factor"], &settings))
+        (html_table("settings", &["key of controller", "before", "after", "factor"], &settings))
     };
     let body = html! {
-        section.panel {
-            h2 { "Error of each run" }
-            figure {
-                figcaption {
-                    "Each dot is a run that is completed before and after; below the line its error has become smaller."
-                }
-                (legend_of(&[("training, hollow", COLOURS[4]), ("held out, full", COLOURS[0]), ("as before", COLOURS[6])]))
-                (scatter_plot(&training, &held_out).markup("errors"))
-            }
-        }
+        (section(
+            "Error of each run",
+            "Each dot is a run that is completed before and after, hollow in training and full where it was held out; below \
+             the line its error has become smaller.",
+            &legend_of(&[("training", COLOURS[4]), ("held out", COLOURS[0]), ("as before", COLOURS[6])]),
+            "errors",
+            &[scatter_plot(&training, &held_out)],
+        ))
         (section(
             "Search",
             "Mean cost of the training runs for each choice tried, in their order, and the least so far. Drag to zoom.",
             &legend_of(&[("choice", COLOURS[5]), ("least so far", COLOURS[1])]),
+            "time",
             &[progress_plot(&outcome.tried)],
         ))
     };

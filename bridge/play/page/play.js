@@ -370,7 +370,7 @@ const STRIPS = [
   {
     name: 'Speed', unit: 'm/s', least: 0.2, zero: true,
     of: f => get(f, 'traction'),
-    value: ([v]) => [is(v) ? v.toFixed(2) : '–', 'm/s'],
+    value: ([v]) => [is(v) ? fixed(v, 2) : '–', 'm/s'],
   },
   {
     name: 'Steer', unit: 'm/s', least: 0.1, zero: true,
@@ -437,18 +437,8 @@ function stateNow() {
   return ['drives', 'Driving', what + on];
 }
 
-const ICONS = { drives: '▶', done: '✓', warns: '▲', stopped: '■', waits: '●' };
-let said = '';
 function showState() {
-  const [kind, name, reason] = stateNow();
-  if ([kind, name, reason].join('|') !== said) {
-    said = [kind, name, reason].join('|');
-    $('head').dataset.kind = kind;
-    $('icon').textContent = ICONS[kind];
-    $('state').textContent = name;
-    $('reason').textContent = reason;
-    document.title = `${name} – Sidehill`;
-  }
+  tell(...stateNow(), '');
   const over = !drives().length;
   const pauses = playing && !over;
   $('run').textContent = pauses ? '❚❚' : '▶';
@@ -463,6 +453,7 @@ function show() {
   drawMap();
   if (!newest()) return;
   showTime();
+  showPast();
   const now = performance.now();
   if (drives().length && playing && cursor === null && now - plotted_ms < PLOT_MS) return;
   plotted_ms = now;

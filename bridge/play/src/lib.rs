@@ -94,21 +94,10 @@ impl Hillside {
                 [pose.x_m, pose.y_m]
             })
             .collect();
-        let vehicle = &prepared.vehicle;
-        let half_m = [vehicle.base_half_length_m, vehicle.base_half_width_m];
-        let wheels = vehicle.contact_vehicle();
-        let radius_m = (half_m[0] / wheels.axles.len().max(2) as f64).min(0.3);
-        let places = wheels.axles.iter().flat_map(|axle| {
-            [wheels.half_width_m, -wheels.half_width_m]
-                .map(|left_m| [axle.forward_m, left_m, 2.0 * radius_m, 0.25 * half_m[1]])
-        });
         json!({
             "name": prepared.name,
             "path": path,
-            "vehicle": {
-                "body": [2.0 * half_m[0] + radius_m, 1.5 * half_m[1]],
-                "wheels": places.collect::<Vec<_>>(),
-            },
+            "vehicle": prepared.vehicle.outline(),
             "duration_s": reference.end_s(),
             "period_s": prepared.controller.period_s,
             "note": prepared.route_note,

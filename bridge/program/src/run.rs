@@ -18,7 +18,7 @@ use sidehill::drive::RunArgs;
 use sidehill::drive_report::write_page;
 use sidehill::exit::Exit;
 use sidehill::output;
-use sidehill::recording::{self, fact};
+use sidehill::recording::{self, fact, ground_around};
 use sidehill_bridge::control_loop::record::{LogEntry, LogSource, Recorder, ring};
 use sidehill_bridge::control_loop::tap::{PathLog, PathRecord, tap};
 use sidehill_bridge::control_loop::{LoopSetup, RunOptions, Signals};
@@ -97,6 +97,12 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let watch = Watch {
         recording: watched.then(|| (path_log, Arc::clone(&recording_ended))),
         parameters: settable.map(LiveView::parameter_owner),
+    };
+    let ground = match &reference {
+        Some(loaded) if watched => loaded
+            .ground()?
+            .map(|ground| ground_around(&ground, loaded.trajectory.path())),
+        _ => None,
     };
     let mut arm = args.arm;
     let frame = config.ros2.clone().unwrap_or_default().frames.odometry;
@@ -187,7 +193,8 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     };
     let mut recording = watched.then(|| {
         let (initial, ended) = (initial.as_ref(), recording_ended);
-        DriveRecording::new(sinks, controller_log, &vehicle, epoch, initial, ended)
+        let scene = (&vehicle, ground.as_slice());
+        DriveRecording::new(sinks, controller_log, scene, epoch, initial, ended)
     });
     let mut recorder = Recorder::new(logs, epoch, &interface).with_actions(actions);
     let period_s = config.cycle.period_s;
@@ -230,9 +237,13 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         for note in notes.iter().flat_map(Ros2Inputs::take_notes) {
             recorder.note(epoch.elapsed_s(), LogEntry::event(note.event, note.message));
         }
-        for fix in notes.iter().flat_map(Ros2Inputs::take_fixes) {
-            if let Some(recording) = &mut recording {
-                recording.fix(&fix);
+        if let (Some(inputs), Some(recording)) = (&notes, &mut recording) {
+            inputs
+                .take_fixes()
+                .iter()
+                .for_each(|fix| recording.fix(fix));
+            if let Some((time_s, obstacles)) = inputs.take_obstacles() {
+                recording.obstacles(time_s, obstacles);
             }
         }
         screen.record(&mut recorder, files.as_mut(), recording.as_mut());

@@ -3,7 +3,7 @@
 use super::diagnostics::{GeneralState, controller_status, recording_status, safety_status};
 use super::messages::{ControllerCycle, FixState, LogLine, Topic};
 use super::records::{guard_state, loop_cycle, path_command, path_poses};
-use super::scene::{BASE, Marker, SceneParts, WORLD};
+use super::scene::{self, BASE, Marker, Obstacles, SceneParts, WORLD};
 use super::sink::MessageSink;
 use sidehill_bridge::control_loop::record::CycleRow;
 use sidehill_bridge::control_loop::tap::{PathRecord, PlanView, StepRecord};
@@ -209,6 +209,15 @@ impl DriveMessages {
     /// Gives a fix that came at `time_s`.
     pub fn fix(&self, time_s: f64, fix: &FixState, sink: &mut impl MessageSink) {
         self.put(Topic::Fix, time_s, fix, sink);
+    }
+
+    /// Gives the obstacles that are known.
+    pub fn obstacles(&self, time_s: f64, obstacles: &Obstacles, sink: &mut impl MessageSink) {
+        let marker = scene::obstacles(obstacles, self.height_m);
+        let markers = self
+            .scene
+            .stamped(vec![marker], &self.header(time_s, WORLD));
+        self.put(Topic::Scene, time_s, &markers, sink);
     }
 
     /// Gives something that happened.

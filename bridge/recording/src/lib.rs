@@ -28,7 +28,7 @@ pub use drive_messages::{DriveMessages, unix_ns};
 pub use mcap_file::{Header, McapRecording, RecordLimits, RecordingStatus};
 pub use messages::{ControllerCycle, FixState, GuardState, LogLine, LoopCycle, PathCommand, Topic};
 pub use reader::{Recording, RecordingError, scan};
-pub use scene::{Marker, ground};
+pub use scene::{Marker, Obstacles, ground};
 pub use schema::schema;
 pub use sink::MessageSink;
 pub use sinks::Sinks;

@@ -6,7 +6,7 @@ use sidehill_controller::guard::GuardView;
 use sidehill_plant::frames::{Attitude, Pose as Pose3};
 use sidehill_plant::speeds::TreadSpeeds;
 use sidehill_plant::terrain::Terrain;
-use sidehill_plant::vehicle::Vehicle;
+use sidehill_plant::vehicle::{Outline, Vehicle};
 
 wire! {
     /// Red, green, blue and opacity, 0 to 1.
@@ -51,6 +51,7 @@ const ARROW: i32 = 0;
 pub(super) const CUBE: i32 = 1;
 const SPHERE: i32 = 2;
 const CYLINDER: i32 = 3;
+const LINES: i32 = 5;
 const TEXT: i32 = 9;
 const TRIANGLES: i32 = 11;
 /// Points along a side of the ground that is shown.
@@ -78,37 +79,31 @@ impl SceneParts {
 
     /// Returns body and wheels, in the vehicle's frame.
     pub(super) fn vehicle(&self) -> Vec<Marker> {
-        let vehicle = &self.vehicle;
-        let (half_width_m, half_length_m) = (vehicle.base_half_width_m, vehicle.base_half_length_m);
-        let contact = vehicle.contact_vehicle();
-        let radius_m = (half_length_m / contact.axles.len().max(2) as f64).min(0.3);
+        let Outline { body, wheels } = self.vehicle.outline();
+        let radius_m = wheels
+            .first()
+            .map_or(0.0, |[_, _, diameter_m, _]| 0.5 * diameter_m);
         let mut markers = vec![Marker {
             pose: at(0.0, 0.0, 2.0 * radius_m),
-            scale: vector(2.0 * half_length_m, 1.4 * half_width_m, radius_m),
+            scale: vector(body[0], body[1], radius_m),
             ..marker("vehicle", 0, CUBE, [0.1, 0.3, 0.7, 0.9])
         }];
-        for axle in &contact.axles {
-            for side in [-1.0, 1.0] {
-                let mut pose = at(axle.forward_m, side * contact.half_width_m, radius_m);
-                // Its axis along the axle.
-                let half = std::f64::consts::FRAC_1_SQRT_2;
-                pose.orientation = Quaternion {
-                    x: half,
-                    y: 0.0,
-                    z: 0.0,
-                    w: half,
-                };
-                markers.push(Marker {
-                    pose,
-                    scale: vector(2.0 * radius_m, 2.0 * radius_m, 0.15),
-                    ..marker(
-                        "vehicle",
-                        markers.len() as i32,
-                        CYLINDER,
-                        [0.15, 0.15, 0.15, 1.0],
-                    )
-                });
-            }
+        for [forward_m, left_m, diameter_m, width_m] in wheels {
+            let mut pose = at(forward_m, left_m, radius_m);
+            // Its axis along the axle.
+            let half = std::f64::consts::FRAC_1_SQRT_2;
+            pose.orientation = Quaternion {
+                x: half,
+                y: 0.0,
+                z: 0.0,
+                w: half,
+            };
+            let id = markers.len() as i32;
+            markers.push(Marker {
+                pose,
+                scale: vector(diameter_m, diameter_m, width_m),
+                ..marker("vehicle", id, CYLINDER, [0.15, 0.15, 0.15, 1.0])
+            });
         }
         for marker in &mut markers {
             marker.header.frame_id = BASE.to_owned();
@@ -224,6 +219,28 @@ impl SceneParts {
             }
         }
         MarkerArray { markers }
+    }
+}
+
+/// Cells of a costmap that block, at places of the world, m.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Obstacles {
+    /// Side of a cell.
+    pub cell_m: f64,
+    /// Rows of cells: both ends of their middle lines.
+    pub rows: Vec<[[f64; 2]; 2]>,
+}
+
+/// Returns obstacles as lines as broad as a cell; none takes those before away.
+pub(super) fn obstacles(obstacles: &Obstacles, z: f64) -> Marker {
+    /// The action that deletes a marker.
+    const DELETE: i32 = 2;
+    let places = obstacles.rows.iter().flatten();
+    Marker {
+        action: if obstacles.rows.is_empty() { DELETE } else { 0 },
+        scale: vector(obstacles.cell_m, 0.0, 0.0),
+        points: places.map(|[x, y]| Point { x: *x, y: *y, z }).collect(),
+        ..marker("obstacles", 0, LINES, [0.6, 0.1, 0.1, 0.9])
     }
 }
 

@@ -94,9 +94,9 @@ pub enum StopReason {
         age_s: f64,
     },
     /// The vehicle is too far from the path.
-    #[error("the vehicle is {cross_track_m:.2} m off the path")]
+    #[error("the vehicle is {:.2} m off the path", .cross_track_m.abs())]
     OffPath {
-        /// Distance, m.
+        /// Distance, m, positive to the left.
         cross_track_m: f64,
     },
     /// The vehicle points too far from where the path goes.

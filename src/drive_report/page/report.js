@@ -1,14 +1,14 @@
 // The report of a recorded drive: everything is in the page.
 
-$('brand').textContent = 'Sidehill: report of a drive';
+$('brand').textContent = 'Sidehill report';
 $('live').textContent = 'End';
 $('span').prepend(make('option', { value: '', textContent: 'all' }));
 $('span').value = '';
 
 const facts = JSON.parse($('facts').textContent), drive = JSON.parse($('drive').textContent);
 column = Object.fromEntries(drive.columns.map((name, i) => [name, i]));
-({ parts, events } = drive);
-if (parts.ground) ground = groundOf((x, y) => heightIn(parts.ground, x, y));
+({ parts, events, obstacles } = drive);
+takeGround();
 runs.push({ colour: '--blue', frames: drive.frames, plan: [] });
 const BEGIN = newest()[0] - facts.duration_s;
 
@@ -23,7 +23,9 @@ function visit(place, button) {
   $('span').value = MOMENT_S;
   seek(place.time_s);
   // Beside the map there is room for the plots.
-  $(matchMedia('(min-width: 60rem)').matches ? 'strips' : 'place').scrollIntoView({ block: 'start' });
+  const aim = $(matchMedia('(min-width: 60rem)').matches ? 'strips' : 'place');
+  aim.style.scrollMarginTop = `${$('head').offsetHeight + 8}px`;
+  aim.scrollIntoView({ block: 'start' });
 }
 
 /** Returns the ends of the time axis: all, or a span about the time shown. */
@@ -35,20 +37,10 @@ function timeAxis() {
   return [from, from + span];
 }
 
-$('live').onclick = () => seek(null);
 $('time').oninput = event => seek(Number(event.target.value));
 $('span').onchange = draw;
 
-// A click on the map shows the moment at which the vehicle was there.
-let pressed = null;
-map.addEventListener('pointerdown', event => { pressed = [event.offsetX, event.offsetY]; });
-map.addEventListener('click', event => {
-  if (!pressed || Math.hypot(event.offsetX - pressed[0], event.offsetY - pressed[1]) > 6) return;
-  const [x, y] = placeOf(event);
-  const far = frame => is(get(frame, 'x')) ? Math.hypot(get(frame, 'x') - x, get(frame, 'y') - y) : Infinity;
-  const nearest = drive.frames.reduce((best, frame) => far(frame) < far(best) ? frame : best);
-  if (far(nearest) * view.scale < 2 * FINGER) seek(nearest[0]);
-});
+onPlace(seek);
 
 // --- Words ---
 
@@ -58,7 +50,6 @@ function where(place) {
   if (is(place.latitude_deg)) return `${place.latitude_deg.toFixed(7)}°, ${place.longitude_deg.toFixed(7)}°`;
   return is(place.x_m) ? `x ${fixed(place.x_m, 2)} m, y ${fixed(place.y_m, 2)} m` : 'place not known';
 }
-const capital = text => text.charAt(0).toUpperCase() + text.slice(1);
 
 /** Lists moments: what it is, and more about it below. */
 function list(id, moments, none) {
@@ -71,7 +62,7 @@ function list(id, moments, none) {
   $(id).querySelector('ol').replaceChildren(...items.length ? items : [make('li', { textContent: none })]);
 }
 
-const KIND_WORDS = { arrived: 'Arrived', asked: 'Stopped as asked', fault: 'Stopped' };
+const KIND_WORDS = { arrived: 'Arrived', asked: 'Stopped', fault: 'Stopped' };
 list('stops', facts.stops.map(stop => ({
   place: stop,
   text: `${KIND_WORDS[stop.kind]}: ${stop.cause}`,
@@ -103,7 +94,7 @@ figures($('driven').querySelector('dl'), [
   ['tip-over margin, least', guard && known(guard.tip_over_margin_min, '')],
   ['grip used, largest', guard && `${(100 * guard.friction_use_max).toFixed(0)} %`],
   ['controller', facts.controller],
-  ['recorded by', `sidehill ${facts.command}, ${facts.version}`],
+  ['recorded by', `${facts.command} ${facts.version}`],
 ]);
 
 const amount = ({ found, unit }) => is(found) ? `${Number.isInteger(found) ? found : digits(found)} ${unit}`.trim() : 'not recorded';
@@ -144,19 +135,15 @@ if (fixes) {
 function showVerdict() {
   const faults = facts.stops.filter(stop => stop.kind === 'fault'), final = last(facts.stops);
   const over = facts.limits.filter(limit => !limit.passed);
-  const lines = over.map(limit => `${capital(limit.name)}: ${amount(limit)}, allowed ${limit.is_least ? '≥' : '≤'} ${limit.limit}`);
+  const lines = over.map(limit => `${capital(limit.name)}: ${amount(limit)}, allowed ${limit.is_least ? '≥' : '≤'}\u00a0${limit.limit}`);
   let kind = 'waits', name = 'Driven';
   if (facts.passed !== null) [kind, name] = facts.passed ? ['done', 'Passed'] : ['stopped', 'Not passed'];
   else if (faults.length) [kind, name] = ['stopped', faults.length === 1 ? 'Stopped' : `Stopped ${faults.length} times`];
-  else if (final) [kind, name] = final.kind === 'arrived' ? ['done', 'Arrived'] : ['waits', 'Stopped as asked'];
+  else if (final) [kind, name] = final.kind === 'arrived' ? ['done', 'Arrived'] : ['waits', 'Stopped'];
   if (faults.length || (!lines.length && final)) lines.push(capital((last(faults) || final).cause));
   if (facts.damaged) lines.push(`The recording ends early: ${facts.damaged}`);
-  $('head').dataset.kind = kind;
-  $('icon').textContent = { done: '✓', stopped: '■', waits: '●' }[kind];
-  $('state').textContent = name;
-  $('reason').textContent = `${[...lines, `${digits(driven.distance_m, 3)} m in ${after(facts.duration_s)}`].join('. ')}.`;
-  $('link').textContent = BEGIN > 1e9 ? new Date(1000 * BEGIN).toLocaleString([], { dateStyle: 'medium', timeStyle: 'short' }) : '';
-  document.title = `${name} – Sidehill report`;
+  const reason = `${[...lines, `${digits(driven.distance_m, 3)} m in ${after(facts.duration_s)}`].join('. ')}.`;
+  tell(kind, name, reason, BEGIN > 1e9 ? new Date(1000 * BEGIN).toLocaleString([], { dateStyle: 'medium', timeStyle: 'short' }) : '');
 }
 showVerdict();
 
@@ -175,10 +162,6 @@ function show() {
   drawMap();
   const axis = timeAxis();
   for (const strip of STRIPS) drawStrip(strip, axis);
-  const time = cursor === null ? newest()[0] : cursor;
-  Object.assign($('time'), { min: oldest(), max: newest()[0], value: time });
-  $('clock').textContent = after(time - BEGIN);
-  $('time').setAttribute('aria-valuetext', after(time - BEGIN));
-  $('live').setAttribute('aria-pressed', cursor === null);
+  showTime(time => after(time - BEGIN));
 }
 draw();

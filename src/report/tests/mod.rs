@@ -15,6 +15,7 @@ use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::icr::TreadIcrs;
 use sidehill_plant::speeds::{EncoderScale, MotorSpeeds};
 use sidehill_plant::terrain::{PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain, Terrain};
+use sidehill_plant::vehicle::Vehicle;
 
 /// A cycle on a circle of 3 m radius.
 fn row(index: usize) -> Row {
@@ -124,8 +125,7 @@ fn page(terrain: &Terrain, runs: &[Run]) -> String {
         datum: None,
         perfect_sensors: false,
         limits: &ControllerConfig::default().limits,
-        base_half_width_m: 0.6,
-        base_half_length_m: 1.06,
+        vehicle: &Vehicle::j8(),
         period_s: 0.05,
     };
     html(&scene, runs)

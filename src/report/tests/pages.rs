@@ -14,6 +14,7 @@ fn the_page_has_every_controller_and_section() {
         .collect();
     let sections = [
         "Cross-track error",
+        "Cross-track error by size",
         "Commands",
         "Attitude",
         "Tread ICRs",
@@ -24,8 +25,8 @@ fn the_page_has_every_controller_and_section() {
     let plots = named(&document, "div")
         .into_iter()
         .filter(|node| node.attribute("class") == Some("plot"));
-    // With what differs of error and commands, and the solve times.
-    assert_eq!(plots.count(), 2 + 4 + 2 + 3 + 1);
+    // With what differs of error and commands, and what is in the order of its size.
+    assert_eq!(plots.count(), 2 + 1 + 4 + 2 + 3 + 1);
     let text = text(&document);
     for part in [
         "icrik-mpc",
@@ -44,8 +45,11 @@ fn the_page_has_every_controller_and_section() {
         .map(|run| run["name"].as_str().unwrap())
         .collect();
     assert_eq!(names, ["icrik-mpc", "pure-pursuit"]);
-    let plane: [f64; 3] = serde_json::from_value(map["ground"]["plane"].clone()).unwrap();
-    assert!((plane[1].hypot(plane[2]) - 10_f64.to_radians().tan()).abs() < 1e-9);
+    let ground = &map["ground"];
+    let heights: [f64; 4] = serde_json::from_value(ground["heights"].clone()).unwrap();
+    let side_m = ground["size"][0].as_f64().unwrap();
+    let [along_x, along_y] = [1, 2].map(|node| (heights[node] - heights[0]) / side_m);
+    assert!((along_x.hypot(along_y) - 10_f64.to_radians().tan()).abs() < 1e-4);
     // A frame is time, place, heading and downhill; its heading is counter-clockwise from x.
     let frame: [f64; 6] = serde_json::from_value(map["runs"][0]["frames"][0].clone()).unwrap();
     assert_eq!(frame[..4], [0.0, 3.0, 0.0, 1.571]);
@@ -117,7 +121,7 @@ fn ground_known_along_a_route_only_is_shown_there() {
     let smoothing = RouteSmoothing::new(2.0, 1.0).unwrap();
     let terrain = Terrain::Route(RouteTerrain::new(&points, smoothing).unwrap());
     let page = page(&terrain, &[run("icrik-mpc", rows(100))]);
-    let grid = &map(&page)["ground"]["grid"];
+    let grid = &map(&page)["ground"];
     let [corner, _]: [f64; 2] = serde_json::from_value(grid["corner"].clone()).unwrap();
     let side = grid["size"][0].as_f64().unwrap();
     let heights = grid["heights"].as_array().unwrap();

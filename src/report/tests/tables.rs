@@ -74,7 +74,7 @@ fn learned_parameters_are_in_csv_and_report_with_their_intervals() {
     assert!(!unobserved.contains("friction"), "{unobserved}");
     assert!(unobserved.contains("slip_scale_m_s"), "{unobserved}");
     let page = page(&plane(), &[run]);
-    assert!(page.contains("slip_scale_m_s") && page.contains("not excited"));
+    assert!(page.contains("slip_scale_m_s") && page.contains(">configuration<"));
 }
 
 #[test]

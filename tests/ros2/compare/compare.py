@@ -228,7 +228,7 @@ def main():
             controller = start(SIDEHILL, "run", sidehill_config(args, folder))
         programs.append(controller)
         commands = ros.messages(Twist, "/cmd_vel", 100)
-        driven = Driven(Vehicle(programs[0], truth), ros)
+        driven = Driven(Vehicle(programs[0], truth), controller, ros)
         time.sleep(3.0)
         cpu_s, began = used(controller.pid)[0], time.monotonic()
         status, result = driven.ended(driven.send(goal_points), timeout_s=600)

@@ -19,9 +19,9 @@ def ros(domain):
 
 @pytest.fixture
 def driven(vehicle, start, ros, tmp_path):
-    def driven(of_controller={}, of_vehicle={}):
+    def driven(of_controller={}, of_vehicle={}, *arguments):
         rover = vehicle(of_vehicle)
-        start("run", adapted("run_ros2.yaml", of_controller, tmp_path))
-        return Driven(rover, ros)
+        controller = start("run", adapted("run_ros2.yaml", of_controller, tmp_path), *arguments)
+        return Driven(rover, controller, ros)
 
     return driven

@@ -57,8 +57,8 @@ class Node:
 class Driven:
     """A vehicle and its controller, with a client of the action."""
 
-    def __init__(self, vehicle, ros):
-        self.vehicle, self.ros = vehicle, ros
+    def __init__(self, vehicle, controller, ros):
+        self.vehicle, self.controller, self.ros = vehicle, controller, ros
         self.action = ActionClient(ros.node, FollowPath, "/follow_path")
         self.ros.wait_for(self.action.server_is_ready, "action server", timeout_s=60.0)
         self.feedback = []

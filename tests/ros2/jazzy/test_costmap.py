@@ -1,8 +1,11 @@
 """Obstacles: costmaps published by nodes of ROS 2 Jazzy, and where the vehicle stops for them."""
 
 import array
+import json
 import math
 import os
+import re
+import signal
 import time
 
 import pytest
@@ -105,6 +108,26 @@ def test_the_vehicle_waits_for_a_moving_obstacle_and_goes_on(driven, ros):
     assert any(stood[moving:]), "it never waited"
     print(f"least gap {min(gaps):.2f} m")
     assert min(gaps) > 0.0
+
+
+def test_a_report_shows_the_obstacle_at_which_the_vehicle_stopped(driven, ros, tmp_path):
+    costmaps = Costmaps(ros)
+    x, y, radius = disc = (*on_path(4.0), 0.2)
+    costmaps.obstacles = lambda: [disc]
+    recording, report = tmp_path / "drive.mcap", tmp_path / "report.html"
+    d = driven(with_costmap("patience_s: 2"), {}, "--record", recording, "--report", report)
+    status, result = d.ended(d.sent_off(ahead(8.0)), timeout_s=60)
+    assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 104)
+    d.controller.signal(signal.SIGINT)
+    d.controller.process.wait(timeout=20)
+    drive = json.loads(re.search(r'<script id="drive"[^>]*>(.*?)</script>', report.read_text(), re.DOTALL)[1])
+    _, cell, *rows = drive["obstacles"][-1]
+    assert cell == RESOLUTION_M
+    rows = [rows[i : i + 4] for i in range(0, len(rows), 4)]
+    assert 3 <= len(rows) <= 5
+    assert all(abs(from_x - x) < radius + cell and abs(from_y - y) < radius + cell for from_x, from_y, _, _ in rows)
+    area = sum(math.hypot(to_x - from_x, to_y - from_y) * cell for from_x, from_y, to_x, to_y in rows)
+    assert abs(area - math.pi * radius**2) < 0.5 * math.pi * radius**2
 
 
 def test_a_stale_costmap_stops_a_fresh_one_goes_on_and_a_silent_one_aborts(driven, ros):

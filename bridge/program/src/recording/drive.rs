@@ -4,7 +4,9 @@ use sidehill_bridge::control_loop::tap::{ControllerLog, PathRecord, StepRecord};
 use sidehill_bridge::drives::Epoch;
 use sidehill_bridge::safety::Transition;
 use sidehill_plant::vehicle::Vehicle;
-use sidehill_recording::{DriveMessages, FixState, GeneralState, LogLine, RecordingStatus, Sinks};
+use sidehill_recording::{
+    DriveMessages, FixState, GeneralState, LogLine, Marker, Obstacles, RecordingStatus, Sinks,
+};
 use sidehill_ros2::port::FixReading;
 use std::sync::{Arc, OnceLock};
 
@@ -29,19 +31,20 @@ enum Item {
         level: u8,
     },
     Fix(FixState),
+    Obstacles(Obstacles),
 }
 
 impl DriveRecording {
     pub(crate) fn new(
         mut sinks: Sinks,
         log: ControllerLog,
-        vehicle: &Vehicle,
+        (vehicle, ground): (&Vehicle, &[Marker]),
         epoch: Epoch,
         initial: Option<&PathRecord>,
         ended: Arc<OnceLock<String>>,
     ) -> Self {
         let messages = DriveMessages::new(vehicle, epoch.unix_s(0.0));
-        messages.begin(0.0, &[], &mut sinks);
+        messages.begin(0.0, ground, &mut sinks);
         if let Some(path) = initial {
             messages.path(0.0, path, &mut sinks);
         }
@@ -100,6 +103,11 @@ impl DriveRecording {
         self.batch.push((fix.arrived_s, Item::Fix(state)));
     }
 
+    /// Takes the obstacles that are known at a time.
+    pub(crate) fn obstacles(&mut self, time_s: f64, obstacles: Obstacles) {
+        self.batch.push((time_s, Item::Obstacles(obstacles)));
+    }
+
     /// Writes all waiting entries, ordered by time.
     pub(crate) fn write(&mut self) {
         let sinks = &mut self.sinks;
@@ -118,6 +126,7 @@ impl DriveRecording {
                 Item::Step(step) => self.messages.step(&step, sinks),
                 Item::Cycle(row) => self.messages.loop_cycle(&row, sinks),
                 Item::Fix(fix) => self.messages.fix(time_s, &fix, sinks),
+                Item::Obstacles(obstacles) => self.messages.obstacles(time_s, &obstacles, sinks),
                 Item::Event { name, text, level } => {
                     self.messages.event(time_s, level, name, &text, sinks);
                 }

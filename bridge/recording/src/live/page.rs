@@ -47,6 +47,9 @@ pub(super) struct Kept {
     pub(super) frames: usize,
     /// Events.
     pub(super) events: usize,
+    /// Time between two views of the obstacles, ns, and views. The first after a change of state is kept as well.
+    pub(super) obstacles_ns: u64,
+    pub(super) obstacles: usize,
 }
 
 /// What the live page keeps: ten minutes.
@@ -54,6 +57,8 @@ const LIVE: Kept = Kept {
     frame_ns: 200_000_000,
     frames: 3000,
     events: 200,
+    obstacles_ns: 0,
+    obstacles: 1,
 };
 /// Age from which on a message is not shown as the present, ns.
 pub(super) const OLD_NS: u64 = 1_000_000_000;
@@ -110,6 +115,10 @@ pub(super) struct Page {
     runs: u64,
     frames: History,
     events: History,
+    obstacles: History,
+    next_obstacles_ns: u64,
+    /// What was known of obstacles last.
+    newest_obstacles: String,
     /// Newest of what replaces what was before, with its version.
     parts: BTreeMap<&'static str, (u64, Arc<str>)>,
     version: u64,
@@ -166,37 +175,40 @@ impl Page {
     }
 
     pub(super) fn keeping(kept: Kept) -> Self {
-        let mut page = Self {
+        Self::begun(kept, 1)
+    }
+
+    fn begun(kept: Kept, runs: u64) -> Self {
+        let now = SystemTime::now().duration_since(UNIX_EPOCH);
+        let started = now.map_or(0, |now| now.as_nanos());
+        Self {
             kept,
             newest: BTreeMap::new(),
             newest_ns: 0,
             next_ns: 0,
-            run: String::new(),
-            runs: 0,
+            run: format!("{started:x}.{runs}"),
+            runs,
             frames: History::new(kept.frames),
             events: History::new(kept.events),
+            obstacles: History::new(kept.obstacles),
+            next_obstacles_ns: 0,
+            newest_obstacles: String::new(),
             parts: BTreeMap::new(),
             version: 0,
             reason: String::new(),
             waits_for: String::new(),
-        };
-        page.begin();
-        page
+        }
     }
 
     /// Begins from nothing but the vehicle.
     fn begin(&mut self) {
-        let now = SystemTime::now().duration_since(UNIX_EPOCH);
-        let started = now.map_or(0, |now| now.as_nanos());
-        self.runs += 1;
-        self.run = format!("{started:x}.{}", self.runs);
-        self.newest.clear();
-        self.next_ns = 0;
-        self.frames = History::new(self.kept.frames);
-        self.events = History::new(self.kept.events);
-        self.parts.retain(|name, _| *name == "vehicle");
-        self.reason.clear();
-        self.waits_for.clear();
+        let mut parts = std::mem::take(&mut self.parts);
+        parts.retain(|name, _| *name == "vehicle");
+        *self = Self {
+            parts,
+            version: self.version,
+            ..Self::begun(self.kept, self.runs + 1)
+        };
     }
 
     /// Takes a message of a drive.
@@ -219,10 +231,14 @@ impl Page {
             Topic::Diagnostics => self.diagnostics(bytes),
             Topic::Events => self.event(time_ns, bytes),
             Topic::Scene => {
-                if let Ok(scene) = from_cdr::<MarkerArray>(bytes)
-                    && let Some(vehicle) = vehicle(&scene)
-                {
-                    self.set("vehicle", vehicle.to_string());
+                if let Ok(scene) = from_cdr::<MarkerArray>(bytes) {
+                    if let Some(obstacles) = obstacles(&scene) {
+                        // It tells nothing of the vehicle's motion.
+                        return self.obstacles(time_ns, obstacles);
+                    }
+                    if let Some(vehicle) = vehicle(&scene) {
+                        self.set("vehicle", vehicle.to_string());
+                    }
                     if let Some(ground) = ground(&scene) {
                         self.set("ground", ground.to_string());
                     }
@@ -233,17 +249,18 @@ impl Page {
         self.newest.insert(message.topic, message.clone());
     }
 
-    /// Returns all that is kept as JSON: `columns`, `states`, `frames`, `events` and `parts`.
+    /// Returns all that is kept as JSON: `columns`, `states`, `frames`, `events`, `obstacles` and `parts`.
     pub(super) fn json(&self) -> String {
         let all = |history: &History| history.list(history.first..history.end());
         let parts = self.parts.iter();
         let parts = parts.map(|(name, (_, part))| format!("\"{name}\":{part}"));
         format!(
-            "{{\"columns\":{},\"states\":{},\"frames\":[{}],\"events\":[{}],\"parts\":{{{}}}}}",
+            "{{\"columns\":{},\"states\":{},\"frames\":[{}],\"events\":[{}],\"obstacles\":[{}],\"parts\":{{{}}}}}",
             json!(COLUMNS),
             json!(STATES),
             all(&self.frames),
             all(&self.events),
+            all(&self.obstacles),
             parts.collect::<Vec<_>>().join(","),
         )
     }
@@ -351,10 +368,26 @@ impl Page {
         self.set("diagnostics", Value::Object(all).to_string());
     }
 
+    /// Keeps what is known of obstacles, where it has changed, with its time.
+    fn obstacles(&mut self, time_ns: u64, obstacles: String) {
+        if time_ns < self.next_obstacles_ns || obstacles == self.newest_obstacles {
+            return;
+        }
+        self.next_obstacles_ns = time_ns + self.kept.obstacles_ns;
+        let time_s = time_ns as f64 / 1e9;
+        let view = format!("[{time_s:.1}{obstacles}]");
+        self.set("obstacles", view.clone());
+        self.obstacles.push(view);
+        self.newest_obstacles = obstacles;
+    }
+
     fn event(&mut self, time_ns: u64, bytes: &[u8]) {
         let Ok(line) = from_cdr::<LogLine>(bytes) else {
             return;
         };
+        if line.name == "state" {
+            self.next_obstacles_ns = 0;
+        }
         match line.name.as_str() {
             // The end of the ramp is not why the vehicle stopped.
             "state" if !line.msg.starts_with("Stopping -> Latched") => {
@@ -501,6 +534,22 @@ fn vehicle(scene: &MarkerArray) -> Option<Value> {
     });
     let wheels: Vec<Value> = wheels.collect();
     Some(json!({ "body": [body.scale.x, body.scale.y], "wheels": wheels }))
+}
+
+/// Returns the scene's obstacles after a comma each: the side of a cell, and x, y, x, y of both ends of each row; none
+/// where the scene does not tell of obstacles.
+fn obstacles(scene: &MarkerArray) -> Option<String> {
+    let marker = scene
+        .markers
+        .iter()
+        .find(|marker| marker.ns == "obstacles")?;
+    let places = marker.points.iter().flat_map(|point| [point.x, point.y]);
+    let mut text = String::new();
+    for value in std::iter::once(marker.scale.x).chain(places) {
+        text.push(',');
+        number(&mut text, value, 2);
+    }
+    Some(text)
 }
 
 /// Nodes of the ground along an axis, at most.

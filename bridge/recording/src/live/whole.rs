@@ -3,6 +3,8 @@
 use super::outgoing::TopicMessage;
 use super::page::{Kept, Page};
 use crate::messages::Topic;
+use sidehill_bridge::ros2::message::Path;
+use sidehill_bridge::ros2::message::cdr::from_cdr;
 
 /// Parts of the live page, of which the pages of reports are made as well.
 pub mod components {
@@ -37,11 +39,13 @@ pub mod components {
 const FRAMES: u64 = 9000;
 /// Shortest time between two frames, ns: that of the live page.
 const FRAME_NS: u64 = 200_000_000;
+/// Views of the obstacles of a drive, at most, besides those at changes of state.
+const OBSTACLES: u64 = 200;
 /// Events of a drive, at most: the newest.
 const EVENTS: usize = 2000;
 
 /// A drive as the live page shows it, from its first message to its last.
-pub struct WholeDrive(Page);
+pub struct WholeDrive(pub(super) Page);
 
 impl WholeDrive {
     /// Returns a drive that lasts so long, ns, and has no message yet.
@@ -51,11 +55,18 @@ impl WholeDrive {
             // The last interval is begun, not whole.
             frames: FRAMES as usize + 2,
             events: EVENTS,
+            obstacles_ns: duration_ns / OBSTACLES,
+            obstacles: OBSTACLES as usize + EVENTS,
         }))
     }
 
     /// Takes a message; messages come in the order of their times.
     pub fn take(&mut self, topic: Topic, time_ns: u64, message: &[u8]) {
+        // At the end of a goal there is no path any more: the map keeps that which was driven.
+        let no_path = |path: Path| path.poses.is_empty();
+        if topic == Topic::Path && from_cdr(message).is_ok_and(no_path) {
+            return;
+        }
         self.0.take(&TopicMessage {
             topic,
             time_ns,
@@ -64,7 +75,9 @@ impl WholeDrive {
     }
 
     /// Returns the drive as JSON: `columns` names the entries of each of `frames`, `states` the values of the column
-    /// `state`; `events` have time, level, name and text; `parts` are path, vehicle, diagnostics and status at the end.
+    /// `state`; `events` have time, level, name and text; `obstacles` have the time from which on they were known, the side
+    /// of a cell, and x, y, x, y of the ends of each row of cells; `parts` are path, vehicle, diagnostics and status at the
+    /// end.
     pub fn json(&self) -> String {
         self.0.json()
     }

@@ -6,6 +6,7 @@ use super::graph_monitor::GraphMonitor;
 use super::stamp_clock::SYSTEM_JUMP_S;
 use sidehill_bridge::control_loop::channel::SharedCause;
 use sidehill_bridge::ros2::transforms::Transforms;
+use sidehill_recording::Obstacles;
 use std::collections::VecDeque;
 use std::fmt::Display;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -33,6 +34,7 @@ pub(crate) struct SharedInputs {
     last_rejection: Mutex<String>,
     notes: Mutex<VecDeque<InputEvent>>,
     fixes: Mutex<VecDeque<FixReading>>,
+    obstacles: Mutex<Option<(f64, Obstacles)>>,
     rejected: AtomicU64,
     graph: Mutex<GraphMonitor>,
     estop_publishers: Mutex<EmergencyStopMonitor>,
@@ -91,6 +93,16 @@ impl SharedInputs {
     /// Returns the fixes since the last call.
     pub(crate) fn take_fixes(&self) -> VecDeque<FixReading> {
         std::mem::take(&mut *locked(&self.fixes))
+    }
+
+    /// Keeps the obstacles at a time, s, for recording and live view: the newest.
+    pub(crate) fn show_obstacles(&self, time_s: f64, obstacles: Obstacles) {
+        *locked(&self.obstacles) = Some((time_s, obstacles));
+    }
+
+    /// Returns the obstacles and their time, s, unless the last call did.
+    pub(crate) fn take_obstacles(&self) -> Option<(f64, Obstacles)> {
+        locked(&self.obstacles).take()
     }
 
     /// Returns the topics that are waited for and their publishers.

@@ -39,6 +39,9 @@ use std::time::{Duration, Instant};
 /// Longest wait for an event.
 const TICK: Duration = Duration::from_millis(20);
 
+/// Time between two views of the obstacles, s.
+const OBSTACLES_PERIOD_S: f64 = 1.0;
+
 /// What the server shares with the rest of the program.
 pub(crate) struct ServerLinks {
     pub(crate) commands: CommandClient,
@@ -78,6 +81,7 @@ pub(crate) struct ControllerServer {
     /// Whether the last thing that was said of poses is that they are left out.
     poses_left_out: bool,
     feedback_s: f64,
+    obstacles_s: f64,
     /// Topics as DDS names them.
     emergency_stop_topic: String,
     result_topic: String,
@@ -116,6 +120,7 @@ impl ControllerServer {
             self.handler.limit_speed(limit);
         }
         self.read_costmap();
+        self.show_obstacles(now_s);
         let status = self.links.commands.loop_status();
         self.step_session(now_s, status.as_ref(), clock_jumped);
         let decision = self.links.commands.controller_status().decision;
@@ -233,6 +238,30 @@ impl ControllerServer {
         if changes.state && !self.services.lifecycle.is_active() {
             self.handler.abort(StopCause::Deactivated, now_s);
         }
+    }
+
+    /// Gives recording and live view what is known of obstacles; what cannot be used is none.
+    fn show_obstacles(&mut self, now_s: f64) {
+        // The clock may have jumped back.
+        let due = !(0.0..OBSTACLES_PERIOD_S).contains(&(now_s - self.obstacles_s));
+        let watched = self.links.recording.is_some();
+        let Some(costmap) = self.costmap.as_ref().filter(|_| due && watched) else {
+            return;
+        };
+        self.obstacles_s = now_s;
+        let (inputs, config) = (&self.links.inputs, &self.config);
+        // The lock on the transforms ends with this statement.
+        let seen = costmap.surroundings(
+            now_s,
+            &self.links.time,
+            (
+                &inputs.transforms(),
+                &config.frames.odometry,
+                config.tolerances.transform_s,
+            ),
+        );
+        let obstacles = seen.map(|surroundings| surroundings.obstacles());
+        inputs.show_obstacles(now_s, obstacles.unwrap_or_default());
     }
 
     fn step_session(&mut self, now_s: f64, status: Option<&LoopStatus>, clock_jumped: bool) {

@@ -22,6 +22,7 @@ use sidehill_bridge::ros2::settings::server::Ros2Config;
 use sidehill_bridge::ros2::settings::topics::SpeedSource;
 use sidehill_bridge::safety::Geofence;
 use sidehill_plant::vehicle::{RangeError, Vehicle};
+use sidehill_recording::Obstacles;
 use sidehill_recording::live::ParameterOwner;
 use std::collections::VecDeque;
 use std::sync::{Arc, OnceLock};
@@ -113,6 +114,11 @@ impl Ros2Inputs {
     /// Returns the fixes of the satellite receiver since the last call, for the recording.
     pub fn take_fixes(&self) -> VecDeque<FixReading> {
         self.0.take_fixes()
+    }
+
+    /// Returns the obstacles and their time, s, once a second, for recording and live view.
+    pub fn take_obstacles(&self) -> Option<(f64, Obstacles)> {
+        self.0.take_obstacles()
     }
 }
 

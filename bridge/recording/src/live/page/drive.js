@@ -18,7 +18,7 @@ const STRIPS = [
       { name: 'measured', of: f => get(f, 'traction'), colour: '--blue' },
       { name: 'commanded', of: f => get(f, 'traction_command'), colour: '--orange', dash: [6, 4] },
     ],
-    value: ([v]) => [is(v) ? v.toFixed(2) : '–', 'm/s'],
+    value: ([v]) => [is(v) ? fixed(v, 2) : '–', 'm/s'],
   },
   {
     name: 'Steer', unit: 'm/s', least: 0.1, zero: true,
@@ -77,7 +77,7 @@ function showDiagnostics() {
   const known = 'drives' in values;
   $('drives').hidden = !known;
   if (known) {
-    $('diagnosis').textContent = values.drives ? `${values.drives[0].toUpperCase()}${values.drives.slice(1)}.` : 'The motors reach the commanded speeds.';
+    $('diagnosis').textContent = values.drives ? `${capital(values.drives)}.` : 'The motors reach the commanded speeds.';
     $('diagnosis').className = values.drives ? 'short' : '';
     const figures = [
       ['largest traction', values.traction_reached_m_s, 'm/s'],
@@ -93,7 +93,7 @@ function showDiagnostics() {
   for (const [key, text] of learned) {
     const name = words(key.slice(8)), unit = unitOf(key);
     const [, value, low, high, prior] = /^(\S+) \((\S+) to ([^,)]+)(.*)\)$/.exec(text) || [null, text, text, text, ''];
-    const write = number => digits(Number(number));
+    const write = number => digits(Number(number), 2, 4);
     if (prior) others.push(`${name} ${write(value)} ${unit}`.trim());
     else rows.push(make('tr', {}, ...[name, `${write(value)} ${unit}`, `${write(low)} to ${write(high)}`].map(textContent => make('td', { textContent }))));
   }

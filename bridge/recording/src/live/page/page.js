@@ -19,6 +19,7 @@ runs.push({
 function forget() {
   frames = [];
   events = [];
+  obstacles = [];
   parts = {};
   ground = null;
   offset = Infinity;
@@ -59,9 +60,12 @@ function take(message) {
     events.splice(0, events.length - 200);
     showEvents();
   }
-  if (message.parts) Object.assign(parts, message.parts);
-  if (message.parts && message.parts.diagnostics) showDiagnostics();
-  if (message.parts && message.parts.ground) [ground, picture] = [groundOf((x, y) => heightIn(parts.ground, x, y)), null];
+  const more = message.parts || {};
+  Object.assign(parts, more);
+  // Those from before this page was opened are not known.
+  if (more.obstacles) obstacles = [...obstacles, more.obstacles].slice(-KEPT_S);
+  if (more.diagnostics) showDiagnostics();
+  if (more.ground) takeGround();
   if (message.have) have = message.have;
   draw();
 }
@@ -110,13 +114,14 @@ document.addEventListener('visibilitychange', () => {
   draw();
 });
 
-$('live').onclick = () => seek(null);
 $('time').oninput = event => {
   const value = Number(event.target.value);
   seek(newest() && value >= newest()[0] - 0.3 ? null : value);
 };
 $('span').onchange = () => { windowEnd = null; draw(); };
 
+/** Shortest time axis, of a drive that has just begun, s. */
+const SHORTEST_S = 15;
 let windowEnd = null;
 
 /** Returns the ends of the time axis: it moves only as far as the time shown asks for. */
@@ -127,12 +132,10 @@ function timeAxis() {
     if (windowEnd === null) windowEnd = last;
     windowEnd = Math.min(Math.max(windowEnd, cursor), cursor + span);
   }
-  return [windowEnd - span, windowEnd];
+  return [Math.max(windowEnd - span, Math.min(oldest(), windowEnd - SHORTEST_S)), windowEnd];
 }
 
 // --- State ---
-
-const KINDS = { drives: '▶', done: '✓', warns: '▲', stopped: '■', waits: '●', lost: '⚠' };
 
 /** Returns kind, name and reason of the state. */
 function stateNow() {
@@ -164,10 +167,9 @@ function speedText() {
   const frame = newest(), speed = get(frame, 'traction'), share = get(frame, 'speed_share');
   if (!is(speed)) return '';
   const less = is(share) && share < 0.995 ? `, slowed to ${(100 * share).toFixed(0)} % by the ground ahead` : '';
-  return `${speed.toFixed(2)} m/s${less}`;
+  return `${fixed(speed, 2)} m/s${less}`;
 }
 
-let told = '';
 function showState() {
   const now = performance.now();
   const seconds = since => {
@@ -187,16 +189,8 @@ function showState() {
   } else if (behind > 1) {
     link = `${behind.toFixed(0)} s behind`;
   }
-  const text = [kind, name, reason, link].join('|');
-  if (text === told) return;
-  told = text;
-  $('head').dataset.kind = kind;
   document.body.classList.toggle('lost', kind === 'lost');
-  $('icon').textContent = KINDS[kind];
-  $('state').textContent = name;
-  $('reason').textContent = reason.charAt(0).toUpperCase() + reason.slice(1);
-  $('link').textContent = link;
-  document.title = `${name} – Sidehill`;
+  tell(kind, name, capital(reason), link);
 }
 
 // --- All of it ---
@@ -211,6 +205,6 @@ function show() {
   const axis = timeAxis();
   for (const strip of STRIPS) drawStrip(strip, axis);
   showTime();
-  $('live').setAttribute('aria-pressed', cursor === null);
+  showPast();
 }
 connect();

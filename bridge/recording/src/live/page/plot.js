@@ -9,17 +9,22 @@ const make = (tag, props = {}, ...children) => {
 };
 const is = value => value !== null && value !== undefined && !Number.isNaN(value);
 
+const capital = text => text.charAt(0).toUpperCase() + text.slice(1);
+
 // --- Numbers ---
 
 /** Returns a number with so many decimals, without a minus before zeros. */
 const fixed = (value, places) => value.toFixed(places).replace(/^-(?=[0.]*$)/, '').replace('-', '\u2212');
-const digits = (value, n = 2) => {
+const digits = (value, n = 2, most = 3) => {
   if (!is(value)) return '–';
-  if (Math.abs(value) < 5e-4) return '0';
+  if (Math.abs(value) < 0.5 * 10 ** -most) return '0';
   const places = Math.max(0, n - 1 - Math.floor(Math.log10(Math.abs(value))));
-  return fixed(value, Math.min(places, 3));
+  return fixed(value, Math.min(places, most));
 };
 const signed = value => fixed(value, 1);
+const TICK = new Intl.NumberFormat('en', { maximumSignificantDigits: 5 });
+/** Returns the texts of the ticks of an axis. */
+const ticksOf = values => values.map(value => is(value) ? TICK.format(value).replace('-', '\u2212') : '');
 
 /** Returns a step of 1, 2 or 5 times a power of ten that divides a range into about so many parts. */
 function step(range, count) {
@@ -29,7 +34,7 @@ function step(range, count) {
 
 // --- Colours: variables of the style, which has them for light and for dark ---
 
-const NAMES = ['ground', 'panel', 'ink', 'soft', 'line', 'grid', 'path', 'blue', 'orange', 'green', 'violet',
+const NAMES = ['ground', 'panel', 'ink', 'soft', 'line', 'grid', 'path', 'blue', 'orange', 'green', 'violet', 'obstacle',
   'line0', 'line1', 'line2', 'line3', 'line4', 'line5', 'line6'].map(name => `--${name}`);
 /** Each line of a report has a dash of its own beside its colour. */
 const DASHES = [[], [9, 4], [3, 4], [12, 3, 3, 3], [6, 2], [2, 2], [16, 5]];
@@ -58,19 +63,29 @@ const isNarrow = () => innerWidth < 600;
 const limitLines = limits => chart => {
   const { ctx, bbox } = chart, ratio = devicePixelRatio;
   ctx.save();
-  ctx.strokeStyle = ctx.fillStyle = colours['--soft'];
   ctx.font = `${12 * ratio}px system-ui, sans-serif`;
-  ctx.textAlign = 'right';
   ctx.textBaseline = 'alphabetic';
-  ctx.setLineDash([7 * ratio, 4 * ratio]);
+  let before = -Infinity;
   for (const [value, name] of limits) {
     const y = chart.valToPos(value, 'y', true);
     if (y < bbox.top - 1 || y > bbox.top + bbox.height + 1) continue;
+    ctx.strokeStyle = ctx.fillStyle = colours['--soft'];
+    ctx.lineWidth = ratio;
+    ctx.setLineDash([7 * ratio, 4 * ratio]);
     ctx.beginPath();
     ctx.moveTo(bbox.left, y);
     ctx.lineTo(bbox.left + bbox.width, y);
     ctx.stroke();
-    ctx.fillText(name, bbox.left + bbox.width - 4 * ratio, y + (y < bbox.top + 20 * ratio ? 13 : -4) * ratio);
+    // Lines end at a name, so that it can be read; of two that are near each other one stands at the left.
+    const low = y + (y < bbox.top + 20 * ratio ? 13 : -4) * ratio, left = Math.abs(low - before) < 14 * ratio;
+    before = low;
+    ctx.textAlign = left ? 'left' : 'right';
+    const at = [left ? bbox.left + 4 * ratio : bbox.left + bbox.width - 4 * ratio, low];
+    ctx.strokeStyle = colours['--panel'];
+    ctx.lineWidth = 4 * ratio;
+    ctx.setLineDash([]);
+    ctx.strokeText(name, ...at);
+    ctx.fillText(name, ...at);
   }
   ctx.restore();
 };
@@ -81,6 +96,7 @@ function plotOf(element, { height, x, y, lines, limits = [], legend = false, cur
   const axis = {
     stroke: () => colours['--ink'], grid: { stroke: () => colours['--grid'], width: 1 },
     ticks: { stroke: () => colours['--line'], width: 1, size: 4 }, font: '12px system-ui, sans-serif', labelFont: '13px system-ui, sans-serif',
+    values: (_, values) => ticksOf(values),
   };
   // As broad as its longest text.
   const broad = (_, texts) => 12 + 7 * Math.max(3, ...(texts || []).map(text => String(text ?? '').length));

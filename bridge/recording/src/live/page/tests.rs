@@ -275,6 +275,55 @@ fn ground_comes_as_a_grid() {
 }
 
 #[test]
+fn obstacles_come_where_they_have_changed_and_at_a_stop() {
+    let told = |page: &mut Page, time_s: u64, x: f64| {
+        let obstacles = crate::Obstacles {
+            cell_m: 0.05,
+            rows: vec![[[x, 1.0], [x + 0.5, 1.0]]],
+        };
+        let scene = MarkerArray {
+            markers: vec![crate::scene::obstacles(&obstacles, 0.0)],
+        };
+        put(page, Topic::Scene, time_s * SECOND_NS, &scene);
+    };
+    let mut page = Page::new();
+    drive(&mut page, fifths(0, 1));
+    told(&mut page, 1, 2.0);
+    let mut reader = Reader::new(None);
+    let first = read(&mut reader, &page).unwrap();
+    assert_eq!(
+        first["parts"]["obstacles"],
+        json!([1.0, 0.05, 2, 1, 2.5, 1])
+    );
+    told(&mut page, 2, 2.0);
+    assert!(read(&mut reader, &page).is_none_or(|message| message["parts"]["obstacles"].is_null()));
+    told(&mut page, 3, 2.1);
+    assert_eq!(
+        read(&mut reader, &page).unwrap()["parts"]["obstacles"][2],
+        2.1
+    );
+    assert!(!page.newest.contains_key(&Topic::Scene));
+
+    // Of a whole drive of 10 min, every 3 s; and what is known when the state has changed.
+    let mut drive = crate::live::WholeDrive::new(600 * SECOND_NS);
+    for time_s in 0..10 {
+        if time_s == 7 {
+            event(
+                &mut drive.0,
+                7 * SECOND_NS,
+                "state",
+                "Driving -> Stopping: x",
+            );
+        }
+        told(&mut drive.0, time_s, 0.1 * time_s as f64);
+    }
+    let all: Value = serde_json::from_str(&drive.json()).unwrap();
+    let times: Vec<_> = all["obstacles"].as_array().unwrap().iter().collect();
+    let times: Vec<f64> = times.iter().map(|view| view[0].as_f64().unwrap()).collect();
+    assert_eq!(times, [0.0, 3.0, 6.0, 7.0]);
+}
+
+#[test]
 fn downhill_is_where_the_vehicle_leans() {
     // Rolled about its forward axis, which is x, so that the right side, towards -y, is down.
     let rolled = turned(0.0, 0.0, [1.0, 0.0, 0.0], 0.3);

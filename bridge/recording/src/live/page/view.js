@@ -55,17 +55,37 @@ function seek(time) {
   draw();
 }
 
-/** Shows the time on slider and clock. */
-function showTime() {
-  const time = cursor === null ? newest()[0] : cursor;
-  Object.assign($('time'), { min: oldest(), max: newest()[0] });
-  $('time').value = time;
-  const ago = newest()[0] - time;
-  const long = ago < 100 ? `${ago.toFixed(0)} s` : `${(ago / 60).toFixed(1)} min`;
-  $('clock').textContent = clock(time);
+/** Shows the time on slider and clock, as a text of it. */
+function showTime(textOf = clock) {
+  const time = cursor ?? newest()[0];
+  Object.assign($('time'), { min: oldest(), max: newest()[0], value: time });
+  $('clock').textContent = textOf(time);
+  $('time').setAttribute('aria-valuetext', textOf(time));
+  if ($('live')) $('live').setAttribute('aria-pressed', cursor === null);
+}
+/** Says on the map how old what it shows is. */
+function showPast() {
+  const ago = newest()[0] - (cursor ?? newest()[0]);
   $('past').hidden = cursor === null;
-  $('past').textContent = `${long} ago`;
-  $('time').setAttribute('aria-valuetext', cursor === null ? 'now' : `${long} ago`);
+  $('past').textContent = `${ago < 100 ? `${ago.toFixed(0)} s` : `${(ago / 60).toFixed(1)} min`} ago`;
+}
+if ($('live')) $('live').onclick = () => seek(null);
+
+// --- State ---
+
+const ICONS = { drives: '▶', done: '✓', warns: '▲', stopped: '■', waits: '●', lost: '⚠' };
+let told = '';
+/** Says in large type what kind of state it is, its name and its reason, and how current it is. */
+function tell(kind, name, reason, link) {
+  const text = [kind, name, reason, link].join('|');
+  if (text === told) return;
+  told = text;
+  $('head').dataset.kind = kind;
+  $('icon').textContent = ICONS[kind];
+  $('state').textContent = name;
+  $('reason').textContent = reason;
+  $('link').textContent = link;
+  document.title = `${name} – Sidehill`;
 }
 
 let due = false;
@@ -176,9 +196,15 @@ function plotStrip(strip, lines) {
     const end = value => Math.abs(value) < 1e-9 ? 0 : Math.sign(value) * Math.ceil(Math.abs(value) / size + 0.05) * size;
     return end(low) === end(high) ? [0, size] : [end(low), end(high)];
   };
+  // A time of day that the edge would cut is left out.
+  const timesOf = (chart, times) => times.map(time => {
+    const text = clock(time, false);
+    return time < 0 || chart.valToPos(time, 'x') + 3.5 * text.length > chart.bbox.width / devicePixelRatio + 12 ? '' : text;
+  });
   strip.chart = plotOf(strip.holder, {
     height: STRIP_HEIGHT,
-    x: { scale: {}, axis: { incrs: TIMES, space: 68, values: (_, times) => times.map(time => time < 0 ? '' : clock(time, false)) } },
+    // Times of day are longer than counts of seconds.
+    x: { scale: {}, axis: { incrs: TIMES, space: (_, __, low) => low < 1e9 ? 40 : 68, values: timesOf } },
     y: { scale: { range }, axis: strip.words ? { splits: () => Object.keys(strip.words).map(Number), values: () => Object.values(strip.words) } : {} },
     lines,
     limits: is(strip.limit) ? [[strip.limit, '']] : [],
@@ -209,6 +235,8 @@ function drawStrip(strip, [from, to]) {
   if (strip.box.hidden) {
     if (!lines.some(line => line.frames.some(frame => is(line.of(frame))))) return;
     strip.box.hidden = false;
+    // It may take room from others.
+    fit();
   }
   let label;
   if (strip.lines || !runs[0].name) {
@@ -335,6 +363,23 @@ map.addEventListener('pointermove', event => {
   setMode('free');
 });
 
+/** Calls `found` with the moment at which a vehicle was where the map is clicked. */
+function onPlace(found) {
+  let pressed = null;
+  map.addEventListener('pointerdown', event => { pressed = [event.offsetX, event.offsetY]; });
+  map.addEventListener('click', event => {
+    if (!pressed || Math.hypot(event.offsetX - pressed[0], event.offsetY - pressed[1]) > 6) return;
+    const [x, y] = placeOf(event);
+    let [nearest, moment] = [2 * FINGER / view.scale, null];
+    for (const { frames } of inSight())
+      for (const frame of frames) {
+        const far = is(get(frame, 'x')) ? Math.hypot(get(frame, 'x') - x, get(frame, 'y') - y) : Infinity;
+        if (far < nearest) [nearest, moment] = [far, frame[0]];
+      }
+    if (moment !== null) found(moment);
+  });
+}
+
 /** Returns the height at a place between the nodes of a grid that have one: null where the nearest has none, nothing outside. */
 function heightIn({ corner, size, nodes, heights }, x, y) {
   const [u, v] = [x, y].map((place, axis) => (place - corner[axis]) / size[axis] * (nodes[axis] - 1));
@@ -349,18 +394,21 @@ function heightIn({ corner, size, nodes, heights }, x, y) {
     }
   return sum / weights;
 }
-/** Returns ground with such heights. */
-const groundOf = heightAt => ({
-  heights: (x, y, side, count) => Array.from({ length: count * count }, (_, i) =>
-    heightAt(x + side * (i % count) / (count - 1), y + side * Math.floor(i / count) / (count - 1))),
-});
-
 /** Ground below the map: `heights` and `slippery` return heights, m, and how slippery it is, 0 to 1, at the nodes of a square, row
  * by row from its corner of the lowest x and y, a side and a count of nodes along it. */
 let ground = null;
 /** The ground as a picture of bands of height: `canvas`, place of its corner, side, m, and scale of the map. */
 let picture = null;
 const GROUND_POINTS = 200;
+
+/** Shows the ground of `parts`, the nodes of a grid. */
+function takeGround() {
+  picture = null;
+  ground = parts.ground && {
+    heights: (x, y, side, count) => Array.from({ length: count * count }, (_, i) =>
+      heightIn(parts.ground, x + side * (i % count) / (count - 1), y + side * Math.floor(i / count) / (count - 1))),
+  };
+}
 
 function pictureGround() {
   const side = 1.6 * Math.max(map.clientWidth, map.clientHeight) / view.scale;
@@ -422,6 +470,25 @@ function showKey(kind, text) {
   key.textContent = text || '';
 }
 
+/** What is known of obstacles: the time from which on, the side of a cell, and x, y, x, y of the ends of each row of cells. */
+let obstacles = [];
+
+/** Draws the obstacles of the time shown. */
+function drawObstacles(pen, X, Y) {
+  const [, cell, ...rows] = obstacles.findLast(([time]) => cursor === null || time <= cursor) || [];
+  showKey('obstacles', rows.length && 'obstacles');
+  pen.strokeStyle = colours['--obstacle'];
+  pen.lineWidth = Math.max(cell * view.scale, 2);
+  pen.lineCap = 'butt';
+  pen.beginPath();
+  for (let i = 0; i < rows.length; i += 4) {
+    pen.moveTo(X(rows[i]), Y(rows[i + 1]));
+    pen.lineTo(X(rows[i + 2]), Y(rows[i + 3]));
+  }
+  pen.stroke();
+  pen.lineCap = 'round';
+}
+
 /** Returns the runs that are not hidden. */
 const inSight = () => runs.filter(run => !run.hidden);
 
@@ -467,6 +534,7 @@ function drawMap() {
   for (let y = Math.ceil((view.y - height / 2 / s) / size) * size; Y(y) > 0; y += size) { pen.moveTo(0, Y(y)); pen.lineTo(width, Y(y)); }
   pen.stroke();
 
+  drawObstacles(pen, X, Y);
   const stroke = (points, colour, thick, dash = []) => {
     pen.strokeStyle = colours[colour];
     pen.lineWidth = thick;
@@ -548,8 +616,9 @@ function drawVehicle(pen, frame, X, Y, s, { colour }) {
   pen.translate(X(x), Y(y));
   pen.rotate(-heading);
   pen.scale(1, -1);
-  // Forward is x, left is y.
+  // Forward is x, left is y. Of several vehicles what is below is seen.
   pen.fillStyle = colours['--ink'];
+  pen.globalAlpha = runs.length > 1 ? 0.5 : 1;
   for (const [wx, wy, diameter, broad] of wheels)
     pen.fillRect(s * (wx - diameter / 2), s * (wy - broad / 2), s * diameter, s * broad);
   pen.fillStyle = colours['--panel'];
@@ -573,7 +642,7 @@ function drawVehicle(pen, frame, X, Y, s, { colour }) {
     for (const name of ['icr_left', 'icr_right']) {
       const [ix, iy] = [s * get(frame, 'icr_x'), s * get(frame, name)];
       pen.beginPath();
-      pen.moveTo(ix + 5, iy); pen.lineTo(ix, iy + 5); pen.lineTo(ix - 5, iy); pen.lineTo(ix, iy - 5);
+      pen.arc(ix, iy, 5, 0, 2 * Math.PI);
       pen.fill();
     }
   }

@@ -92,6 +92,7 @@ impl ControllerServer {
             clock_jumps: 0,
             poses_left_out: false,
             feedback_s: f64::NEG_INFINITY,
+            obstacles_s: f64::NEG_INFINITY,
             poll,
             node,
         })

@@ -7,11 +7,14 @@ use sidehill_bridge::ros2::message::{
     self, CostmapUpdate, Header, OccupancyGrid, OccupancyGridUpdate, Pose,
 };
 use sidehill_plant::frames::PlanarPose;
+use sidehill_recording::Obstacles;
 
 /// Most cells of a costmap.
 const CELLS_MAX: usize = 4_000_000;
 /// Finest and coarsest resolution, m.
 const RESOLUTION_M: std::ops::RangeInclusive<f64> = 0.01..=1.0;
+/// Most rows of cells that are shown.
+const OBSTACLE_ROWS_MAX: usize = 300;
 
 /// Why a costmap is not used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -245,6 +248,52 @@ impl Costmap {
         pose: &PlanarPose,
     ) -> bool {
         self.is_hit_at(footprint, &self.place(frame_from_pose, pose))
+    }
+
+    /// Returns the cells that block, in the frame that `frame_from_map` takes the frame of the map into. Where their
+    /// rows are too many, cells are merged, and a cell blocks where any of its parts does.
+    pub(crate) fn obstacles(&self, frame_from_map: &Isometry2<f64>) -> Obstacles {
+        let frame_from_cells = frame_from_map * self.frame_from_cells;
+        let (mut merged, mut rows) = (1, self.blocking_rows(1));
+        while rows.len() > OBSTACLE_ROWS_MAX {
+            merged *= 2;
+            rows = self.blocking_rows(merged);
+        }
+        let cell_m = merged as f64 * self.resolution_m;
+        let place = |column: usize, row: usize| {
+            let place = Point2::new(column as f64, row as f64 + 0.5) * cell_m;
+            (frame_from_cells * place).into()
+        };
+        let rows = rows.into_iter();
+        Obstacles {
+            cell_m,
+            rows: rows
+                .map(|(row, from, to)| [place(from, row), place(to, row)])
+                .collect(),
+        }
+    }
+
+    /// Returns each row of cells that block, with its first column and that after its last, of cells that are squares
+    /// of so many.
+    fn blocking_rows(&self, merged: usize) -> Vec<(usize, usize, usize)> {
+        let mut rows = Vec::new();
+        let mut blocks = vec![false; self.width.div_ceil(merged)];
+        for row in 0..self.height.div_ceil(merged) {
+            blocks.fill(false);
+            let within = row * merged..self.height.min((row + 1) * merged);
+            for column in within.flat_map(|row| self.blocking.of_row(row)) {
+                blocks[column / merged] = true;
+            }
+            let mut end = 0;
+            for run in blocks.chunk_by(|left, right| left == right) {
+                let from = end;
+                end += run.len();
+                if run[0] {
+                    rows.push((row, from, end));
+                }
+            }
+        }
+        rows
     }
 
     fn place(&self, frame_from_pose: &Isometry2<f64>, pose: &PlanarPose) -> CellPose {

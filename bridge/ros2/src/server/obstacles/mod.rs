@@ -31,6 +31,7 @@ use sidehill_bridge::ros2::settings::costmap::CostmapConfig;
 use sidehill_bridge::ros2::transforms::Transforms;
 use sidehill_plant::frames::Attitude;
 use sidehill_plant::vehicle::Vehicle;
+use sidehill_recording::Obstacles;
 
 /// Room that a detour past an obstacle leaves beside the padded footprint, m: for the error of tracking, and so that
 /// noise in the costmap does not change the detour.
@@ -134,5 +135,10 @@ impl<'a> Surroundings<'a> {
             map_from_odometry: level(&map_from_odometry),
             settings,
         })
+    }
+
+    /// Returns the cells that block, in the frame of the odometry.
+    pub(crate) fn obstacles(&self) -> Obstacles {
+        self.costmap.obstacles(&self.map_from_odometry.inverse())
     }
 }

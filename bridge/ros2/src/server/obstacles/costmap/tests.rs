@@ -159,3 +159,46 @@ fn a_map_that_cannot_be_read_is_refused_with_the_reason() {
     assert!(reason(|grid| grid.header.frame_id.clear()).contains("frame"));
     assert!(reason(|grid| grid.info.origin.position.x = f64::NAN).contains("position"));
 }
+
+#[test]
+fn obstacles_are_rows_of_cells_that_block() {
+    let mut grid = grid();
+    // Three cells from 1.0 to 1.3 m in x, and one beside them after a free one, from 0 to 0.1 m in y.
+    for column in [60, 61, 62, 64] {
+        grid.data[50 * 100 + column] = 100;
+    }
+    let map = Costmap::from_grid(grid, RULE).unwrap();
+    let close = |found: &Obstacles, expected: &[[[f64; 2]; 2]]| {
+        assert_eq!(found.rows.len(), expected.len(), "{found:?}");
+        let pairs = found.rows.iter().flatten().zip(expected.iter().flatten());
+        for (place, expected) in pairs {
+            assert!((place[0] - expected[0]).hypot(place[1] - expected[1]) < 1e-9);
+        }
+    };
+    let found = map.obstacles(&Isometry2::identity());
+    assert_eq!(found.cell_m, 0.1);
+    close(
+        &found,
+        &[[[1.0, 0.05], [1.3, 0.05]], [[1.4, 0.05], [1.5, 0.05]]],
+    );
+    // In a frame in which that of the map is 2 m ahead, turned to the left.
+    let turned = Isometry2::new(Vector2::new(2.0, 0.0), FRAC_PI_2);
+    close(
+        &map.obstacles(&turned),
+        &[[[1.95, 1.0], [1.95, 1.3]], [[1.95, 1.4], [1.95, 1.5]]],
+    );
+}
+
+#[test]
+fn many_obstacles_are_merged_and_none_is_left_out() {
+    let mut grid = grid();
+    // A chequered ground.
+    for (i, cost) in grid.data.iter_mut().enumerate() {
+        *cost = if (i + i / 100) % 2 == 0 { 100 } else { 0 };
+    }
+    let map = Costmap::from_grid(grid, RULE).unwrap();
+    let found = map.obstacles(&Isometry2::identity());
+    assert!(found.rows.len() <= OBSTACLE_ROWS_MAX);
+    assert_eq!((found.cell_m, found.rows.len()), (0.2, 50));
+    assert!(found.rows.iter().all(|[from, to]| to[0] - from[0] > 9.99));
+}
