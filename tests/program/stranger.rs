@@ -259,7 +259,9 @@ fn output_that_nobody_reads_does_not_end_the_work() {
 
 #[test]
 fn init_writes_sets_that_are_valid_and_drive() {
-    for robot in ["husky", "jackal", "warthog", "scout", "panther", "j8", "tracks"] {
+    for robot in [
+        "husky", "jackal", "warthog", "scout", "panther", "j8", "tracks",
+    ] {
         let folder = tempfile::tempdir().unwrap();
         let set = folder.path().join(robot);
         let said = succeed(sidehill().args(["init", "--vehicle", robot]).arg(&set));
