@@ -269,11 +269,18 @@ fn a_report_says_where_and_on_what_ground_each_drive_ended() {
     };
     let page = report(&whole);
     assert_says(&page, &["Both runs reached the end of the path"]);
-    // Height and gradient of the ground.
-    let (_, plane) = page.split_once("\"plane\":[").unwrap();
-    let plane = plane.split_once(']').unwrap().0.split(',');
-    let plane: Vec<f64> = plane.map(|number| number.parse().unwrap()).collect();
-    let slope_deg = plane[1].hypot(plane[2]).atan().to_degrees();
+    // Heights at the corners of the ground.
+    let ground = |key: &str| -> Vec<f64> {
+        let (_, after) = page.split_once(&format!("\"{key}\":[")).unwrap();
+        let numbers = after.split_once(']').unwrap().0.split(',');
+        numbers.map(|number| number.parse().unwrap()).collect()
+    };
+    let (size_m, heights_m) = (ground("size"), ground("heights"));
+    let gradient = [
+        (heights_m[1] - heights_m[0]) / size_m[0],
+        (heights_m[2] - heights_m[0]) / size_m[1],
+    ];
+    let slope_deg = gradient[0].hypot(gradient[1]).atan().to_degrees();
     assert!((slope_deg - 8.0).abs() < 0.05, "{slope_deg}");
     // The same drive, of which the recording ends half way.
     let cut = course.path("cut.mcap");
