@@ -63,12 +63,23 @@ const DIG_POSES: usize = 160;
 /// Cycles whose ways are kept: a pose is as late as 4 s at 100 Hz.
 const DIG_WAYS: usize = 400;
 
+/// How far the treads have turned, left and right, back what they turned ahead, m.
+#[derive(Debug, Clone, Copy, Default)]
+struct TreadWays([f64; 2]);
+
+impl TreadWays {
+    /// Returns the mean way of both treads from others to these.
+    fn since(&self, before: &Self) -> f64 {
+        0.5 * ((self.0[0] - before.0[0]).abs() + (self.0[1] - before.0[1]).abs())
+    }
+}
+
 /// A pose and how far the treads had turned then.
 #[derive(Debug, Clone, Copy)]
 struct PoseThen {
     time_s: f64,
     pose: PlanarPose,
-    way_m: f64,
+    ways: TreadWays,
 }
 
 /// Compares the way of the treads with poses as they come, whatever the estimator makes of them: while it waits whether
@@ -76,8 +87,8 @@ struct PoseThen {
 #[derive(Debug, Clone)]
 pub(super) struct DigWatch {
     places: VecDeque<PoseThen>,
-    /// Instants of the cycles and how far the treads had turned then, s and m.
-    ways: VecDeque<(f64, f64)>,
+    /// Instants of the cycles, s, and how far the treads had turned then.
+    ways: VecDeque<(f64, TreadWays)>,
     sigma_m: f64,
     sigma_rad: f64,
 }
@@ -104,13 +115,18 @@ impl DigWatch {
         treads: &TreadSpeeds,
         elapsed_s: f64,
     ) -> bool {
-        let before_m = self.ways.back().map_or(0.0, |(_, way_m)| *way_m);
-        let speed_m_s = 0.5 * (treads.left_m_s.abs() + treads.right_m_s.abs());
+        let TreadWays([left_m, right_m]) = self
+            .ways
+            .back()
+            .map_or(TreadWays::default(), |(_, ways)| *ways);
+        let now = TreadWays([
+            left_m + treads.left_m_s * elapsed_s,
+            right_m + treads.right_m_s * elapsed_s,
+        ]);
         if self.ways.len() == DIG_WAYS {
             self.ways.pop_front();
         }
-        self.ways
-            .push_back((sample.time_s, before_m + speed_m_s * elapsed_s));
+        self.ways.push_back((sample.time_s, now));
         let Some(pose) = sample.pose else {
             return false;
         };
@@ -118,13 +134,13 @@ impl DigWatch {
         let later = self
             .ways
             .partition_point(|(time_s, _)| *time_s <= pose.time_s);
-        let Some((_, way_m)) = later.checked_sub(1).and_then(|at| self.ways.get(at)) else {
+        let Some((_, ways)) = later.checked_sub(1).and_then(|at| self.ways.get(at)) else {
             return false;
         };
         let newest = PoseThen {
             time_s: pose.time_s,
             pose: pose.value.planar(),
-            way_m: *way_m,
+            ways: *ways,
         };
         let is_old = |place: &PoseThen| newest.time_s - place.time_s >= DIG_S;
         while self.places.get(1).is_some_and(is_old) || self.places.len() == DIG_POSES {
@@ -134,7 +150,7 @@ impl DigWatch {
         let Some(oldest) = self.places.front().filter(|place| is_old(place)) else {
             return false;
         };
-        let way_m = newest.way_m - oldest.way_m;
+        let way_m = newest.ways.since(&oldest.ways);
         let moved_m = DIG_SHARE * way_m + DIG_SIGMAS * self.sigma_m;
         // At the end of its grip a vehicle turns slowly, one tread spinning.
         let turned_rad = DIG_SIGMAS * self.sigma_rad;
@@ -286,6 +302,23 @@ mod tests {
     use sidehill_plant::frames::Pose;
     use sidehill_plant::sample::Stamped;
 
+    /// Returns a cycle's readings with a pose of the time `stamp_s`, so far ahead.
+    fn reading(time_s: f64, stamp_s: f64, y_m: f64) -> Sample {
+        Sample {
+            time_s,
+            tread_speeds: None,
+            attitude: None,
+            yaw_rate: None,
+            pose: Some(Stamped {
+                time_s: stamp_s,
+                value: Pose {
+                    y_m,
+                    ..Pose::default()
+                },
+            }),
+        }
+    }
+
     /// Drives straight ahead for 4 s, from 1 s on at 1 m/s^2, by poses that are `late_s` old; returns whether its treads
     /// are found to dig where they move the vehicle by a share of their way.
     fn digs(late_s: f64, share: f64) -> bool {
@@ -294,19 +327,8 @@ mod tests {
         (0..80).any(|cycle| {
             let time_s = 0.05 * f64::from(cycle);
             let stamp_s = time_s - late_s;
-            let sample = Sample {
-                time_s,
-                tread_speeds: None,
-                attitude: None,
-                yaw_rate: None,
-                pose: Some(Stamped {
-                    time_s: stamp_s,
-                    value: Pose {
-                        y_m: 0.5 * share * driven_s(stamp_s).powi(2),
-                        ..Pose::default()
-                    },
-                }),
-            };
+            let y_m = 0.5 * share * driven_s(stamp_s).powi(2);
+            let sample = reading(time_s, stamp_s, y_m);
             let treads = TreadSpeeds {
                 left_m_s: driven_s(time_s),
                 right_m_s: driven_s(time_s),
@@ -321,6 +343,24 @@ mod tests {
             assert!(!digs(late_s, 1.0), "{late_s}");
             assert!(digs(late_s, 0.0), "{late_s}");
         }
+    }
+
+    #[test]
+    fn a_vehicle_that_has_come_back_between_two_poses_does_not_dig() {
+        let mut watch = DigWatch::new(&EstimatorSettings::default());
+        // Ahead for 2 s, and back from there; there are poses at the begin and after 4 s.
+        let digs = (0..=80).any(|cycle| {
+            let time_s = 0.05 * f64::from(cycle);
+            let speed_m_s = if time_s < 2.0 { 0.2 } else { -0.2 };
+            let mut sample = reading(time_s, time_s, 0.0);
+            sample.pose = sample.pose.filter(|_| cycle % 80 == 0);
+            let treads = TreadSpeeds {
+                left_m_s: speed_m_s,
+                right_m_s: speed_m_s,
+            };
+            watch.observe(&sample, &treads, 0.05)
+        });
+        assert!(!digs);
     }
 
     /// Returns what stalls of a vehicle with both motors at their limits that creeps along a bend, turning at a rate.
