@@ -157,7 +157,7 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     match file.ending().as_deref() {
         Some("gpx") => return check_route(&file),
         Some("csv") => return check_csv(&file),
-        Some("kml" | "kmz" | "geojson") => {
+        Some("kml" | "geojson") => {
             return Err(file
                 .error("a route is a .gpx or .csv file: save it as GPX")
                 .into());

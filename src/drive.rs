@@ -126,7 +126,7 @@ pub struct DriveRouteArgs {
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     pub from_m: Option<f64>,
     /// Way that a vehicle which makes no progress is driven back in reverse before the drive pauses, m, from 0.5 to 5:
-    /// along the lane, once. Without it, it stands where it is.
+    /// along the lane, once, and without being asked, so the way behind must be clear. Without it, it stands where it is.
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     pub retreat_m: Option<f64>,
 }

@@ -254,7 +254,9 @@ impl DriveFacts {
         }
         for limit in &self.limits {
             let amount = |value: f64| format!("{value} {}", limit.unit).trim_end().to_owned();
-            let found = limit.found.map(|found| amount((1e3 * found).round() / 1e3));
+            let found = limit
+                .found
+                .map(|found| amount((1e3 * found).round() / 1e3 + 0.0));
             let found = found.unwrap_or("not recorded".to_owned());
             let verdict = if limit.passed { "kept" } else { "EXCEEDED" };
             let bound = if limit.is_least {

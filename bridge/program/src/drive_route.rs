@@ -76,6 +76,10 @@ pub fn run(args: &DriveRouteArgs, ros: &[String]) -> Result<ExitCode> {
     if let Some(retreat_m) = args.retreat_m {
         RETREAT.check("--retreat-m", retreat_m)?;
         ensure!(
+            retreat_m > goal_xy_m,
+            "--retreat-m {retreat_m}: a way within ros2.tolerances.goal_xy_m, {goal_xy_m} m, counts as driven"
+        );
+        ensure!(
             ros2.follow_path.use_orientations,
             "--retreat-m: the vehicle drives back in reverse, which a goal says only with \
              ros2.follow_path.use_orientations: true"
@@ -155,9 +159,11 @@ impl RouteLeg {
         self.path.length_m(0)
     }
 
-    /// Returns the place along all that is driven at which so much of the leg is left, m.
+    /// Returns the place along all that is driven at which so much of the leg is left, m, in whole decimetres: who begins
+    /// there again passes nothing over.
     fn place_m(&self, left_m: f64) -> f64 {
-        (self.ends_m - left_m).clamp(self.begins_m, self.ends_m)
+        let place_m = (self.ends_m - left_m).clamp(self.begins_m, self.ends_m);
+        (10.0 * place_m).floor() / 10.0
     }
 
     /// Returns the way along the leg to a place on it, m along all that is driven, for a vehicle that stands beside it;
@@ -201,7 +207,8 @@ impl RouteLeg {
                 && farther(Some(index + 1))
         };
         let ends = closest(&|_| true).zip(closest(&passes));
-        let Some((to, at)) = ends.filter(|(_, at)| ahead_m[*at].abs() > goal_xy_m) else {
+        let far = |(to, at): &(usize, usize)| to != at && ahead_m[*at].abs() > goal_xy_m;
+        let Some((to, at)) = ends.filter(far) else {
             return Ok(None);
         };
         let (first, last) = (at.min(to), at.max(to));
@@ -465,8 +472,10 @@ impl Driver {
     /// end.
     fn drive(&mut self, leg: &RouteLeg, from_m: f64) -> Result<bool> {
         let (name, length_m) = (&leg.name, leg.length_m());
-        let mut left_m = length_m - (from_m.min(leg.ends_m) - leg.begins_m).max(0.0);
-        let mut actions = PendingActions::new(leg.actions.clone());
+        let begun_m = (from_m.min(leg.ends_m) - leg.begins_m).max(0.0);
+        let mut left_m = length_m - begun_m;
+        let ahead = leg.actions.iter().filter(|action| action.at_m >= begun_m);
+        let mut actions = PendingActions::new(ahead.cloned().collect());
         console::line(format_args!("{name}: {left_m:.1} m"));
         loop {
             let message = message_of(&self.frame, &leg.path, leg.rest(left_m));

@@ -7,6 +7,7 @@ use crate::safety::{
     Geofence, OperatorRequests, Reason, Safety, SafetyConfig, SafetyInputs, SafetyState, Transition,
 };
 use sidehill_controller::controller::{Decision, DriveResponse};
+use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::vehicle::RangeError;
 use std::time::Duration;
 
@@ -28,6 +29,10 @@ pub struct ControlLoop<P: Port, R: ControllerRunner> {
     stopped_by: Option<Reason>,
     /// The response of the drives that was recorded last.
     drives: Option<DriveResponse>,
+    /// The command of the newest cycle.
+    commanded: DriveCommand,
+    /// Time at which the clock was found to stand, s.
+    stands_at_s: Option<f64>,
 }
 
 impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
@@ -57,6 +62,8 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
             unsent: 0,
             stopped_by: None,
             drives: None,
+            commanded: DriveCommand::OFF,
+            stands_at_s: None,
         })
     }
 
@@ -104,11 +111,22 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
         }
     }
 
-    /// Waits for the time of the next cycle, and returns whether the clock stands before it, as that of a simulator which
-    /// is paused. Nothing is decided and sent meanwhile: the drives have a time-out of their
-    /// own.
+    /// Waits for the time of the next cycle, and returns whether it has not come: a simulator is paused or slow. Where the
+    /// time stays the same, its source may also be lost, so the vehicle is told to stand; nothing else is decided.
     pub(super) fn clock_stands(&mut self) -> bool {
-        self.schedule.stands(&mut self.clock)
+        if !self.schedule.stands(&mut self.clock) {
+            self.stands_at_s = None;
+            return false;
+        }
+        let now_s = self.clock.now_s();
+        if self.stands_at_s.replace(now_s) == Some(now_s) {
+            self.send(&DriveCommand {
+                speeds: MotorSpeeds::STOP,
+                fault_reset: false,
+                ..self.commanded
+            });
+        }
+        true
     }
 
     /// Waits for the time of the next cycle, runs it, and returns what it did.
@@ -143,6 +161,7 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
 
         // 5. Send at once, or not at all.
         let sent = self.send(&command);
+        self.commanded = command;
 
         // 6. Record, and find the next cycle whose time has not passed.
         if let Some(transition) = transition {

@@ -402,6 +402,42 @@ fn the_controller_is_engaged_while_the_vehicle_drives_and_waited_for_in_real_tim
 }
 
 #[test]
+fn a_vehicle_stands_where_its_clock_does_and_drives_on_with_it() {
+    let clock = ExternalClock::default();
+    let mut bench = Bench::new(Setup {
+        clock: Clock::External(clock.clone()),
+        ..Setup::default()
+    });
+    let due_s = |cycle: u32| 1.0 + CycleConfig::default().period_s * f64::from(cycle);
+    for cycle in 0..20 {
+        clock.set(due_s(cycle));
+        assert!(!bench.control.clock_stands());
+        bench.control.step(if cycle == 2 { ARM } else { IDLE });
+    }
+    let newest = || bench.sent.borrow().last().unwrap().1;
+    let driving = newest();
+    assert_eq!(bench.control.state(), SafetyState::Driving);
+    assert!(driving.enable && driving.speeds != MotorSpeeds::STOP);
+    // It is slow, and then stands.
+    for early_s in [0.02, 0.01] {
+        clock.set(due_s(20) - early_s);
+        assert!(bench.control.clock_stands());
+        assert_eq!(newest(), driving);
+    }
+    assert!(bench.control.clock_stands());
+    let standing = DriveCommand {
+        speeds: MotorSpeeds::STOP,
+        ..driving
+    };
+    assert_eq!(newest(), standing);
+    clock.set(due_s(20));
+    assert!(!bench.control.clock_stands());
+    bench.control.step(IDLE);
+    assert_eq!(newest(), driving);
+    assert_eq!(bench.control.state(), SafetyState::Driving);
+}
+
+#[test]
 fn the_reason_of_a_stop_is_what_began_it() {
     let mut bench = Bench::driving();
     let stop = OperatorRequests {

@@ -94,7 +94,9 @@ impl Controller {
                 let now_m2 = across.dot(&(estimate.covariance * across));
                 let turning = steer_squares / planned_s / STEER_M_S.powi(2);
                 let variance_m2 = now_m2 + (1.0 + turning) * variance.sum;
-                let bound_m = bound_of_m(self.predictions.share() * variance_m2);
+                // Nothing is known better before it happens.
+                let bound_m = bound_of_m(self.predictions.share() * variance_m2)
+                    .max(estimate.bound_across_m(progress.point.heading_rad));
                 self.predictions.add(Prediction {
                     for_s: estimate.time_s + AHEAD_S,
                     cross_track_m,

@@ -63,7 +63,7 @@ const DIG_POSES: usize = 160;
 /// Cycles whose ways are kept: a pose is as late as 4 s at 100 Hz.
 const DIG_WAYS: usize = 400;
 
-/// How far the treads have turned, left and right, back what they turned ahead, m.
+/// How far the treads have turned, left and right, m; what they turn back is subtracted.
 #[derive(Debug, Clone, Copy, Default)]
 struct TreadWays([f64; 2]);
 
@@ -348,7 +348,7 @@ mod tests {
     #[test]
     fn a_vehicle_that_has_come_back_between_two_poses_does_not_dig() {
         let mut watch = DigWatch::new(&EstimatorSettings::default());
-        // Ahead for 2 s, and back from there; there are poses at the begin and after 4 s.
+        // Ahead for 2 s, and back from there; there are poses at the beginning and after 4 s.
         let digs = (0..=80).any(|cycle| {
             let time_s = 0.05 * f64::from(cycle);
             let speed_m_s = if time_s < 2.0 { 0.2 } else { -0.2 };

@@ -23,7 +23,7 @@ const TOLERANCE: f64 = 1e-9;
 const EXCESS_SHARE: f64 = 0.5;
 /// Largest number of times that limits are dropped after several were taken in at once.
 const DROPS: u32 = 4;
-/// Largest number of recursions and of steps: as many as there are limits.
+/// Largest number of recursions and of steps per stage: as many as it has limits.
 const MOST_PER_STAGE: usize = ROWS_PER_STAGE;
 
 /// Workspace of the search.

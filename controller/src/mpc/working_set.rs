@@ -132,7 +132,7 @@ impl WorkingSet {
         }
         let solved = self.correct(data, point, work, tolerance, limits)?;
         if solved.is_none() {
-            // These rows are no good begin.
+            // The next solve must not begin with these rows.
             self.members.fill(false);
         }
         Ok(solved)

@@ -265,7 +265,7 @@ impl GoalSession {
     pub(crate) fn left_on_route_m(&self, decision: &Decision) -> Option<f64> {
         let (
             FollowedPath::Route(placed),
-            SessionPhase::Driving { .. } | SessionPhase::Ending { .. },
+            SessionPhase::Driving { .. } | SessionPhase::Blocked(_) | SessionPhase::Ending { .. },
         ) = (&self.following, &self.phase)
         else {
             return None;

@@ -274,11 +274,14 @@ impl Costmap {
     }
 
     /// Returns each row of cells that block, with its first column and that after its last, of cells that are squares
-    /// of so many.
+    /// of so many; some of them where there are more than [`OBSTACLE_ROWS_MAX`].
     fn blocking_rows(&self, merged: usize) -> Vec<(usize, usize, usize)> {
         let mut rows = Vec::new();
         let mut blocks = vec![false; self.width.div_ceil(merged)];
         for row in 0..self.height.div_ceil(merged) {
+            if rows.len() > OBSTACLE_ROWS_MAX {
+                break;
+            }
             blocks.fill(false);
             let within = row * merged..self.height.min((row + 1) * merged);
             for column in within.flat_map(|row| self.blocking.of_row(row)) {
