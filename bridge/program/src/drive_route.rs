@@ -160,10 +160,10 @@ impl RouteLeg {
     }
 
     /// Returns the place along all that is driven at which so much of the leg is left, m, in whole decimetres: who begins
-    /// there again passes nothing over.
+    /// there again passes nothing over but a millimetre.
     fn place_m(&self, left_m: f64) -> f64 {
         let place_m = (self.ends_m - left_m).clamp(self.begins_m, self.ends_m);
-        (10.0 * place_m).floor() / 10.0
+        (10.0 * (place_m + 1e-3)).floor() / 10.0
     }
 
     /// Returns the way along the leg to a place on it, m along all that is driven, for a vehicle that stands beside it;
@@ -719,7 +719,9 @@ mod tests {
             panic!("two lanes and the way between them");
         };
         assert!((across.ends_m - 10.8).abs() < 0.01 && (back.ends_m - 20.8).abs() < 0.01);
-        assert!((back.place_m(4.0) - 16.8).abs() < 0.01);
+        assert!(
+            (back.place_m(4.0) - 16.8).abs() < 0.01 && (back.place_m(3.91) - 16.8).abs() < 0.01
+        );
         let way = |leg: &RouteLeg, from_m, place, reverses| {
             let way = leg.way_to(from_m, place, (0.25, reverses)).unwrap()?;
             assert_eq!((way.begins_m, way.place_m(1.0)), (from_m, from_m));
