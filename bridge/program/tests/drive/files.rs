@@ -145,15 +145,20 @@ fn a_recording_without_its_first_file_is_replayed_from_where_it_was_armed() {
     let output = run_to_end(&[&replay[..], &report].concat());
     // The ground of a real drive is known by the attitude alone: here the 5.3 deg of the figure of eight.
     let page = std::fs::read_to_string(page).unwrap();
-    let plane: Vec<f64> = page
-        .split_once("\"plane\":[")
-        .and_then(|(_, rest)| rest.split_once(']'))
-        .unwrap_or_else(|| panic!("no ground in {page}"))
-        .0
-        .split(',')
-        .map(|value| value.parse().unwrap())
-        .collect();
-    let slope_deg = plane[1].hypot(plane[2]).atan().to_degrees();
+    let ground = |key: &str| -> Vec<f64> {
+        let numbers = page
+            .split_once(&format!("\"{key}\":["))
+            .and_then(|(_, rest)| rest.split_once(']'))
+            .unwrap_or_else(|| panic!("no {key} of the ground"));
+        let numbers = numbers.0.split(',');
+        numbers.map(|value| value.parse().unwrap()).collect()
+    };
+    let (size_m, heights_m) = (ground("size"), ground("heights"));
+    let gradient = [
+        (heights_m[1] - heights_m[0]) / size_m[0],
+        (heights_m[2] - heights_m[0]) / size_m[1],
+    ];
+    let slope_deg = gradient[0].hypot(gradient[1]).atan().to_degrees();
     assert!((5.0..5.6).contains(&slope_deg), "{slope_deg}");
     let replayed: serde_json::Value = serde_json::from_slice(&output.stdout)
         .unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
