@@ -107,7 +107,9 @@ def test_a_simulator_that_is_paused_goes_on_with_the_goal(simulated):
     simulator.commands.take()
     # Longer than any time-out of readings, and than the limit of a jump.
     time.sleep(4.0)
-    assert not simulator.commands.take(), "a command while the time stands"
+    # What has stopped the time may also be that its source is lost.
+    told = [(twist.linear.x, twist.angular.z) for twist in simulator.commands.take()]
+    assert told and not any(any(speeds) for speeds in told), told
     assert goal.status() == FollowPath.EXECUTING
     place = simulator.x
     simulator.paused.clear()
