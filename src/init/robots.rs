@@ -164,7 +164,7 @@ impl Robot {
                 name: "scout",
                 title: "AgileX Scout 2.0",
                 source: "agilexrobotics/ugv_gazebo_sim, scout_v2.xacro (wheelbase, track, wheel radius); ugv_sdk, \
-                         robot_limits.hpp (speed); Scout 2.0 user manual (mass)",
+                         robot_limits.hpp (speed); the mass is assumed",
                 mass_kg: 68.0,
                 track_m: 0.58306,
                 wheelbase_m: 0.498,
