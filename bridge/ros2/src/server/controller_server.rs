@@ -240,7 +240,8 @@ impl ControllerServer {
         }
     }
 
-    /// Gives recording and live view what is known of obstacles; what cannot be used is none.
+    /// Gives recording and live view what is known of obstacles. While a costmap cannot be used the last ones stay to be
+    /// seen: no way becomes free by that.
     fn show_obstacles(&mut self, now_s: f64) {
         // The clock may have jumped back.
         let due = !(0.0..OBSTACLES_PERIOD_S).contains(&(now_s - self.obstacles_s));
@@ -260,8 +261,9 @@ impl ControllerServer {
                 config.tolerances.transform_s,
             ),
         );
-        let obstacles = seen.map(|surroundings| surroundings.obstacles());
-        inputs.show_obstacles(now_s, obstacles.unwrap_or_default());
+        if let Ok(surroundings) = seen {
+            inputs.show_obstacles(now_s, surroundings.obstacles());
+        }
     }
 
     fn step_session(&mut self, now_s: f64, status: Option<&LoopStatus>, clock_jumped: bool) {
