@@ -62,13 +62,18 @@ impl Schedule {
         }
     }
 
+    /// Returns when the next cycle is due, counted from the first, s.
+    fn due_s(&self, first_s: f64) -> f64 {
+        first_s + self.tick as f64 * self.period_s
+    }
+
     /// Waits for the next cycle, and returns whether the clock stands before it: a simulator was paused, and there is
     /// nothing to do.
     pub(super) fn stands(&self, clock: &mut Clock) -> bool {
         let (Some(first_s), Some(begun_s)) = (self.first_s, self.begun_s) else {
             return false;
         };
-        let due_s = first_s + self.tick as f64 * self.period_s;
+        let due_s = self.due_s(first_s);
         clock.wait_until(due_s);
         (begun_s..due_s).contains(&clock.now_s())
     }
@@ -76,7 +81,7 @@ impl Schedule {
     /// Waits for the next cycle.
     pub(super) fn wait(&mut self, clock: &mut Clock) -> CycleTime {
         let first_s = *self.first_s.get_or_insert_with(|| clock.now_s());
-        let due_s = first_s + self.tick as f64 * self.period_s;
+        let due_s = self.due_s(first_s);
         clock.wait_until(due_s);
         let begin_s = clock.now_s();
         self.begun_s = Some(begin_s);
