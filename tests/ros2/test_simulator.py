@@ -1,8 +1,10 @@
 """`use_sim_time` beside a simulator that is paused, reset, or faster than time, and a vehicle that digs in."""
 
+import itertools
 import math
 import re
 import signal
+import socket
 import statistics
 import threading
 import time
@@ -83,10 +85,11 @@ def simulated(peer, start, tmp_path):
     """Starts a simulator and the controller on its clock; returns both with a client of the action."""
     simulators = []
 
-    def simulated(factor=1.0, changes={}):
+    def simulated(factor=1.0, changes={}, **environment):
         simulators.append(Simulator(peer, factor))
         changes = {"attitude: imu": "attitude: odometry", "use_sim_time: false": "use_sim_time: true", **changes}
-        run = start("run", adapted("run_ros2.yaml", changes, tmp_path), "--out", tmp_path / "run")
+        file = adapted("run_ros2.yaml", changes, tmp_path)
+        run = start("run", file, "--out", tmp_path / "run", **environment)
         return simulators[0], run, FollowPath(peer).wait()
 
     yield simulated
@@ -98,15 +101,29 @@ def ahead(length_m):
     return path_of(straight(length_m, yaw_rad=0.0), "odom")
 
 
-def test_a_simulator_that_is_paused_goes_on_with_the_goal(simulated):
-    simulator, run, action = simulated()
+def test_a_simulator_that_is_paused_goes_on_with_the_goal(simulated, tmp_path):
+    systemd = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    systemd.bind(str(tmp_path / "notify"))
+    signs = []
+
+    def listen():
+        while True:
+            if b"WATCHDOG=1" in systemd.recv(4096):
+                signs.append(time.monotonic())
+
+    threading.Thread(target=listen, daemon=True).start()
+    simulator, run, action = simulated(NOTIFY_SOCKET=str(tmp_path / "notify"), WATCHDOG_USEC="600000")
     goal = action.send(ahead(5.0))
     wait_for(simulator.drives, "driving")
     simulator.paused.set()
     time.sleep(0.2)
     simulator.commands.take()
     # Longer than any time-out of readings, and than the limit of a jump.
+    paused = time.monotonic()
     time.sleep(4.0)
+    # The program is alive, as systemd hears.
+    alive = [paused, *(sign for sign in signs if sign > paused), time.monotonic()]
+    assert max(later - sign for sign, later in itertools.pairwise(alive)) < 1.0, alive
     # What has stopped the time may also be that its source is lost.
     told = [(twist.linear.x, twist.angular.z) for twist in simulator.commands.take()]
     assert told and not any(any(speeds) for speeds in told), told

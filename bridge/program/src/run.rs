@@ -37,6 +37,7 @@ use sidehill_ros2::server::requested_path::RequestedPath;
 use sidehill_ros2::server::route::RouteSettings;
 use sidehill_ros2::server::{self, ConfiguredRoute, Ros2, Ros2Inputs};
 use std::process::ExitCode;
+use std::sync::atomic::Ordering;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
@@ -206,6 +207,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         1.0 / period_s,
         screen::listens_to(&all(&mut inputs, epoch.elapsed_s())),
     );
+    let turns = Arc::clone(&signals.turns);
     let setup = LoopSetup {
         cycle: config.cycle,
         safety: config.safety,
@@ -247,7 +249,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
             }
         }
         screen.record(&mut recorder, files.as_mut(), recording.as_mut());
-        service.live(recorder.latest().map(|cycle| cycle.time_s));
+        service.live(turns.load(Ordering::Relaxed));
         let now_s = epoch.elapsed_s();
         if now_s >= reported_s + 1.0 {
             reported_s = now_s;

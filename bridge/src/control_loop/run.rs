@@ -6,7 +6,7 @@ use crate::drives::Port;
 use crate::safety::{OperatorRequests, Reason, SafetyState, StopCause};
 use serde::Serialize;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// Cycles that send zero and disable after the end was decided, before the loop returns.
 const FINAL_CYCLES: u32 = 5;
@@ -58,7 +58,7 @@ impl RunOptions {
     pub const ARM_WITHIN_S: f64 = 5.0;
 }
 
-/// Requests from signal handlers or other threads; clones share the same flags.
+/// What the loop shares with signal handlers and other threads: requests, and a sign of life. Clones share the same values.
 #[derive(Debug, Clone, Default)]
 pub struct Signals {
     /// Ends the run.
@@ -69,6 +69,15 @@ pub struct Signals {
     pub stop: Arc<AtomicBool>,
     /// The process was suspended and has been resumed.
     pub resumed: Arc<AtomicBool>,
+    /// Turns of the loop so far: cycles, and waits for a clock that stands. It grows while the loop is alive.
+    pub turns: Arc<AtomicU64>,
+}
+
+impl Signals {
+    /// Gives a sign of life.
+    pub(super) fn turn(&self) {
+        self.turns.fetch_add(1, Ordering::Relaxed);
+    }
 }
 
 impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
@@ -86,7 +95,10 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
         let mut arm_until_s = f64::INFINITY;
         let mut requests = OperatorRequests::default();
         let ending = loop {
-            while self.clock_stands() && !signals.end.load(Ordering::Relaxed) {}
+            while self.clock_stands() && !signals.end.load(Ordering::Relaxed) {
+                signals.turn();
+            }
+            signals.turn();
             let row = self.step_with(requests, channel.as_mut());
             if let Some(ending) = self.ending(&row, options, signals, channel.is_some()) {
                 break ending;

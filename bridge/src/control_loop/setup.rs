@@ -95,6 +95,7 @@ impl LoopSetup {
         if let Clock::External(clock) = &self.clock {
             // Cycles begin with the first time that is set.
             while clock.now_s().is_none() && !self.signals.end.load(Ordering::Relaxed) {
+                self.signals.turn();
                 std::thread::sleep(Duration::from_millis(20));
             }
         }

@@ -10,7 +10,8 @@ pub(super) struct ServiceManager {
     /// Longest time between two signs of life; none where systemd expects none.
     sign_every: Option<Duration>,
     signed: Instant,
-    cycle_s: Option<f64>,
+    /// Turns of the control loop at the last sign of life.
+    turns: u64,
     ready: bool,
     state: String,
 }
@@ -22,16 +23,16 @@ impl ServiceManager {
             // Two signs may be late before systemd ends the program.
             sign_every: sd_notify::watchdog_enabled().map(|limit| limit / 3),
             signed: Instant::now(),
-            cycle_s: None,
+            turns: 0,
             ready: false,
             state: String::new(),
         }
     }
 
-    /// Gives a sign of life if the control loop has run since the last one; `cycle_s` is the instant of its newest
-    /// cycle. A loop that hangs gives none, and systemd ends the program.
-    pub(super) fn live(&mut self, cycle_s: Option<f64>) {
-        if cycle_s.is_none() || cycle_s == self.cycle_s {
+    /// Gives a sign of life if the control loop has made turns since the last one, of which `turns` is the number so
+    /// far. A loop that hangs makes none, and systemd ends the program.
+    pub(super) fn live(&mut self, turns: u64) {
+        if turns == self.turns {
             return;
         }
         if !self.ready {
@@ -42,7 +43,7 @@ impl ServiceManager {
             .sign_every
             .is_some_and(|every| self.signed.elapsed() >= every)
         {
-            self.cycle_s = cycle_s;
+            self.turns = turns;
             self.signed = Instant::now();
             tell(&[NotifyState::Watchdog]);
         }

@@ -120,7 +120,6 @@ impl ControllerServer {
             self.handler.limit_speed(limit);
         }
         self.read_costmap();
-        self.show_obstacles(now_s);
         let status = self.links.commands.loop_status();
         self.step_session(now_s, status.as_ref(), clock_jumped);
         let decision = self.links.commands.controller_status().decision;
@@ -240,35 +239,21 @@ impl ControllerServer {
         }
     }
 
-    /// Gives recording and live view what is known of obstacles. While a costmap cannot be used the last ones stay to be
-    /// seen: no way becomes free by that.
-    fn show_obstacles(&mut self, now_s: f64) {
+    /// Returns whether recording and live view are to be given the obstacles again.
+    fn obstacles_due(&mut self, now_s: f64) -> bool {
         // The clock may have jumped back.
-        let due = !(0.0..OBSTACLES_PERIOD_S).contains(&(now_s - self.obstacles_s));
-        let watched = self.links.recording.is_some();
-        let Some(costmap) = self.costmap.as_ref().filter(|_| due && watched) else {
-            return;
-        };
-        self.obstacles_s = now_s;
-        let (inputs, config) = (&self.links.inputs, &self.config);
-        // The lock on the transforms ends with this statement.
-        let seen = costmap.surroundings(
-            now_s,
-            &self.links.time,
-            (
-                &inputs.transforms(),
-                &config.frames.odometry,
-                config.tolerances.transform_s,
-            ),
-        );
-        if let Ok(surroundings) = seen {
-            inputs.show_obstacles(now_s, surroundings.obstacles());
+        let due = self.links.recording.is_some()
+            && !(0.0..OBSTACLES_PERIOD_S).contains(&(now_s - self.obstacles_s));
+        if due {
+            self.obstacles_s = now_s;
         }
+        due
     }
 
     fn step_session(&mut self, now_s: f64, status: Option<&LoopStatus>, clock_jumped: bool) {
         let (estop_unknown, estop_unknown_driving) =
             (self.estop_unknown(false), self.estop_unknown(true));
+        let show_obstacles = self.obstacles_due(now_s);
         let inputs = &self.links.inputs;
         let estop_incompatible = inputs.unheard_stop(now_s);
         let controller = self.links.commands.controller_status();
@@ -284,6 +269,12 @@ impl ControllerServer {
             settings: costmap.settings(),
             seen: costmap.surroundings(now_s, time, frames),
         });
+        // While a costmap cannot be used the last obstacles stay to be seen: no way becomes free by that.
+        if let Some(ObstacleContext { seen: Ok(seen), .. }) = &obstacles
+            && show_obstacles
+        {
+            inputs.show_obstacles(now_s, seen.obstacles());
+        }
         self.handler.step(&GoalContext {
             now_s,
             cycle_s: status.map_or(f64::NEG_INFINITY, |status| status.row.time_s),
