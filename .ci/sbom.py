@@ -1,4 +1,5 @@
-"""Notes in bills of materials (CycloneDX) which crates were built with the patches of bridge/patches, and checks the bills.
+"""Notes in bills of materials (CycloneDX) which crates were built with the patches of bridge/patches, takes the folder
+of the builder out of them, and checks them.
 
     sbom.py FILE...
 """
@@ -7,11 +8,12 @@ import json
 import pathlib
 import sys
 
-patches = pathlib.Path(__file__).parent.parent / "bridge" / "patches"
+root = pathlib.Path(__file__).parent.parent.resolve()
+patches = root / "bridge" / "patches"
 patched = {folder.name: sorted(folder.glob("*.patch")) for folder in patches.iterdir() if folder.is_dir()}
 found = set()
 for path in map(pathlib.Path, sys.argv[1:]):
-    bill = json.loads(path.read_text())
+    bill = json.loads(path.read_text().replace(root.as_uri(), "file:///sidehill"))
     components = bill["components"]
     assert bill["bomFormat"] == "CycloneDX" and len(components) > 100, path
     for component in components:

@@ -19,6 +19,12 @@ def domain():
 
 
 @pytest.fixture
+def other_domain():
+    """One more, for a test with two networks."""
+    return next(DOMAINS)
+
+
+@pytest.fixture
 def peer(domain):
     # Tests with another peer run where this one is not installed.
     from peer import Peer

@@ -57,7 +57,7 @@ def moved_left(points, left_m):
     return moved
 
 
-def test_the_first_day_with_a_robot(start, peer, domain, tmp_path, monkeypatch):
+def test_the_first_day_with_a_robot(start, peer, other_domain, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run_commands("first_run.md")
     run_commands(PAGE)
@@ -71,7 +71,7 @@ def test_the_first_day_with_a_robot(start, peer, domain, tmp_path, monkeypatch):
                 sent.write(fix)
 
     with repeating(relay, 0.005):
-        log_and_identify(start, peer, domain, tmp_path)
+        log_and_identify(start, peer, other_domain, tmp_path)
         drive_lanes(start, peer, tmp_path, lost)
 
 
@@ -79,15 +79,14 @@ def with_poses(run):
     wait_for(lambda: re.search(r'"x_m":-?[0-9]', run.output()), "poses")
 
 
-def log_and_identify(start, peer, domain, tmp_path):
+def log_and_identify(start, peer, level_domain, tmp_path):
     """Records a route and logs by joystick, on the slope and on level ground at once, and identifies the vehicle."""
     truth = tmp_path / "truth.csv"
     [vehicle_words, run_words] = words("ros2")
     vehicle = Vehicle(start(*vehicle_words, "--truth", truth, "--ros-args", "-r", "fix:=/receiver"), truth)
-    on_level = domain % 101 + 1
     programs = [vehicle.program, start(*run_words)]
-    programs += [start(*words, ROS_DOMAIN_ID=str(on_level)) for words in words("level")]
-    commands = [peer.writer("/cmd_vel", wire.Twist) for peer in (peer, Peer(on_level))]
+    programs += [start(*words, ROS_DOMAIN_ID=str(level_domain)) for words in words("level")]
+    commands = [peer.writer("/cmd_vel", wire.Twist) for peer in (peer, Peer(level_domain))]
     for writer, run in zip(commands, programs[1::2]):
         wait_for(writer.get_matched_subscriptions, "base")
         with_poses(run)
