@@ -15,6 +15,10 @@ pub enum Robot {
     Warthog,
     /// AgileX Scout 2.0.
     Scout,
+    /// AgileX Scout Mini on off-road wheels.
+    ScoutMini,
+    /// AgileX Bunker, on tracks.
+    Bunker,
     /// Husarion Panther on its wheels WH01.
     Panther,
     /// Argo J8 of the University of Malaga: measured parameters instead of first guesses.
@@ -170,6 +174,34 @@ impl Robot {
                 wheelbase_m: 0.498,
                 axles: 2,
                 radius_m: 0.16459,
+                centre_of_mass_height_m: 0.2,
+                separation_multiplier: None,
+                speed_m_s: Some(1.5),
+            }),
+            Self::ScoutMini => Some(Measures {
+                name: "scout_mini",
+                title: "AgileX Scout Mini on off-road wheels",
+                source: "agilexrobotics/scout_ros, scout_mini.urdf.xacro (wheelbase, track); ugv_sdk, robot_limits.hpp \
+                         (speed); mass and wheel radius are assumed",
+                mass_kg: 23.0,
+                track_m: 0.416503,
+                wheelbase_m: 0.463951,
+                axles: 2,
+                radius_m: 0.0875,
+                centre_of_mass_height_m: 0.12,
+                separation_multiplier: None,
+                speed_m_s: Some(3.0),
+            }),
+            Self::Bunker => Some(Measures {
+                name: "bunker",
+                title: "AgileX Bunker",
+                source: "agilexrobotics/ugv_gazebo_sim, bunker.xacro (track and length on the ground, from the places of the \
+                         lower rollers); bunker_ros, bunker_params.hpp (speed); mass and sprocket radius are assumed",
+                mass_kg: 140.0,
+                track_m: 0.555,
+                wheelbase_m: 0.5215,
+                axles: 8,
+                radius_m: 0.067,
                 centre_of_mass_height_m: 0.2,
                 separation_multiplier: None,
                 speed_m_s: Some(1.5),

@@ -260,7 +260,15 @@ fn output_that_nobody_reads_does_not_end_the_work() {
 #[test]
 fn init_writes_sets_that_are_valid_and_drive() {
     for robot in [
-        "husky", "jackal", "warthog", "scout", "panther", "j8", "tracks",
+        "husky",
+        "jackal",
+        "warthog",
+        "scout",
+        "scout-mini",
+        "bunker",
+        "panther",
+        "j8",
+        "tracks",
     ] {
         let folder = tempfile::tempdir().unwrap();
         let set = folder.path().join(robot);
