@@ -406,7 +406,7 @@ fn a_client_gives_paths_arms_once_and_halts() {
     assert!(status.row.traction_m_s > 0.0);
     let status = client.controller_status();
     assert_eq!(status.decision.unwrap().reference, 7);
-    assert!(status.plan.len() > 1 && status.reference.len() > 1);
+    assert!(status.view.plan.len() > 1 && status.view.reference.len() > 1);
     // Without its path it stops, and the request to arm that was carried out does not arm again.
     client.set_path(None);
     assert_eq!(run(20), SafetyState::Latched);

@@ -9,13 +9,12 @@
 //! kind.
 
 use super::record::CycleRow;
-use super::tap::{PathLog, PathRecord, RecordedPath};
+use super::tap::{PathLog, PathRecord, PlanView, RecordedPath};
 use super::timing::LoopTiming;
 use crate::safety::{OperatorRequests, Reason, SafetyState, StopCause};
 use sidehill_controller::controller::{Controller, Decision, DriveResponse};
 use sidehill_controller::reference::Reference;
 use sidehill_controller::trajectory::Trajectory;
-use sidehill_plant::frames::PlanarPose;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 use triple_buffer::{Input, Output, TripleBuffer, triple_buffer};
@@ -78,10 +77,8 @@ pub struct ControllerStatus {
     pub decision: Option<Decision>,
     /// How the drives respond, as learned; none before the first decision.
     pub drives: Option<DriveResponse>,
-    /// Predicted poses, the present first; empty without a plan.
-    pub plan: Vec<PlanarPose>,
-    /// Poses of the reference over the same time.
-    pub reference: Vec<PlanarPose>,
+    /// Its newest plan.
+    pub view: PlanView,
 }
 
 /// Returns the three ends of a new channel. The controller's horizon has at most `stages`.
@@ -254,26 +251,12 @@ impl ControllerEnd {
         *serial
     }
 
-    /// Publishes the status after a decision.
-    pub fn publish(&mut self, decision: &Decision, controller: &Controller) {
+    /// Publishes the status after a decision at a time, s.
+    pub fn publish(&mut self, time_s: f64, decision: &Decision, controller: &Controller) {
         let status = self.status.input_buffer_mut();
         status.decision = Some(*decision);
         status.drives = Some(controller.drive_response());
-        status.plan.clear();
-        status.plan.reserve_exact(self.stages + 1);
-        if let Some(plan) = controller.plan() {
-            status
-                .plan
-                .extend(plan.states.iter().map(|state| PlanarPose {
-                    x_m: state.x,
-                    y_m: state.y,
-                    yaw_rad: state.z,
-                }));
-        }
-        status.reference.clear();
-        status.reference.reserve_exact(self.stages + 1);
-        let targets = controller.targets().iter().map(|target| target.pose);
-        status.reference.extend(targets);
+        status.view.set(time_s, controller, self.stages);
         self.status.publish();
     }
 }

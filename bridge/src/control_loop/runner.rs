@@ -120,7 +120,7 @@ impl ControllerRunner for InlineRunner {
         let deadline = patience.map(|patience| Instant::now() + patience);
         let decision = self.controller.step(sample, deadline);
         if let Some(channel) = &mut self.channel {
-            channel.publish(&decision, &self.controller);
+            channel.publish(sample.time_s, &decision, &self.controller);
         }
         if let Some(tap) = &mut self.tap {
             tap.take(sample, engaged, path, &decision, &self.controller);

@@ -282,7 +282,7 @@ impl ControllerServer {
             armed: status.map_or(0, |status| status.armed),
             stopped_by: status.and_then(|status| status.stopped_by),
             decision: controller.decision.as_ref(),
-            plan: &controller.plan,
+            plan: &controller.view.plan,
             obstacles,
             transforms: &transforms,
             tolerances: &self.config.tolerances,

@@ -111,9 +111,9 @@ impl Telemetry {
         }
         if is_due(&mut self.plan_s, now_s, PLAN_PERIOD_S) {
             let header = self.header(time, decision.time_s);
-            self.plan.publish(|| path(&header, &controller.plan));
+            self.plan.publish(|| path(&header, &controller.view.plan));
             self.reference
-                .publish(|| path(&header, &controller.reference));
+                .publish(|| path(&header, &controller.view.reference));
         }
     }
 

@@ -178,7 +178,7 @@ impl Loop {
             armed: status.armed,
             stopped_by: status.stopped_by,
             decision: controller.decision.as_ref(),
-            plan: &controller.plan,
+            plan: &controller.view.plan,
             obstacles: obstacles.map(|obstacles| obstacles.context(now_s, &self.transforms)),
             transforms: &self.transforms,
             tolerances: &Tolerances::default(),
