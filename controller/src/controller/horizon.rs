@@ -404,8 +404,9 @@ impl<'a> HorizonInputs<'a> {
         if asked.motion == Motion::Drive {
             weights.speed_s2_per_m2 *= pressing(self.waited_s);
             if !asked.ends {
-                // Errors count by the way that is driven with them: to stand beside the path must not be cheap.
-                errors_share = asked.pace.clamp(PACE_MIN, 1.0).powi(3);
+                // Errors count by the way that is driven with them, ahead or back: to stand beside the path must not be
+                // cheap.
+                errors_share = asked.pace.abs().clamp(PACE_MIN, 1.0).powi(3);
             }
         }
         StageTarget {

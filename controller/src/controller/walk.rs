@@ -21,6 +21,8 @@ const BRAKING_SHARE: f64 = 0.5;
 const SPEED_MIN_M_S: f64 = 0.02;
 /// Distance from the end of a drive that counts as being there, m, and turn, rad.
 const AT_END: f64 = 1e-3;
+/// Distance behind the begin of a drive that counts as being there, m.
+const AT_START_M: f64 = 0.01;
 /// Time from the begin of the horizon over which the weight across the path grows to its full value, s.
 const CROSS_RAMP_S: f64 = 0.6;
 /// Weights of the position, 1/m^2, and of the heading, 1/rad^2, during a turn on the spot, and their factor where it ends:
@@ -88,6 +90,8 @@ pub(super) struct StageRequest {
     pub(super) motion: Motion,
     /// Whether the plan is at the end of the drive here.
     pub(super) ends: bool,
+    /// Whether the plan is behind the begin of the drive here.
+    pub(super) behind: bool,
     /// Point of the path nearest to the plan, with its heading; on the spot the heading to which the allowed yaw rate
     /// takes the vehicle.
     pub(super) pose: PlanarPose,
@@ -107,6 +111,7 @@ impl StageRequest {
         Self {
             motion: Motion::Stand,
             ends: true,
+            behind: false,
             pose: *pose,
             curvature_per_m: 0.0,
             inputs: MotorSpeeds::STOP,
@@ -116,13 +121,18 @@ impl StageRequest {
     }
 
     /// Returns the weights of a stage that ends here, `end_s` after the begin of the horizon: near the begin an error
-    /// across the path is left as it is, since motors are too slow to correct it.
+    /// across the path is left as it is, since motors are too slow to correct it. At both ends of a drive the distance
+    /// along the path is one from it as well.
     pub(super) fn weights(&self, w: &Weights, end_s: f64) -> StageWeights {
         let ramp = (end_s / CROSS_RAMP_S).min(1.0);
         let end = if self.ends { PIVOT_END } else { 1.0 };
         match self.motion {
             Motion::Drive | Motion::Stand => StageWeights {
-                along_per_m2: if self.ends { w.cross_per_m2 } else { 0.0 },
+                along_per_m2: match (self.ends, self.behind) {
+                    (true, _) => w.cross_per_m2,
+                    (false, true) => ramp * w.cross_per_m2,
+                    (false, false) => 0.0,
+                },
                 cross_per_m2: ramp * w.cross_per_m2,
                 heading_per_rad2: w.heading_per_rad2,
                 speed_s2_per_m2: w.speed / (self.scale_m_s * self.scale_m_s),
@@ -206,6 +216,8 @@ impl<'a> Walk<'a> {
         let nearest = path.nearest_from(&place, guess_m, guess_m, &PROJECTION_WINDOW);
         self.at = nearest.arc_length_m.max(self.at);
         let mut asked = self.driving(path, state.z, share);
+        asked.behind =
+            self.at <= self.reference.drive_from_m() && nearest.offsets_to(&place).0 < -AT_START_M;
         if let Some((before, before_s)) = before.filter(|(_, before_s)| *before_s < end_s) {
             let (sin, cos) = asked.pose.yaw_rad.sin_cos();
             let (dx, dy) = (place.x_m - before.x_m, place.y_m - before.y_m);
@@ -268,6 +280,7 @@ impl<'a> Walk<'a> {
         StageRequest {
             motion: Motion::Drive,
             ends,
+            behind: false,
             curvature_per_m: if ends { 0.0 } else { sign * at.curvature_per_m },
             pose: PlanarPose {
                 x_m: at.position.x_m,
@@ -300,6 +313,7 @@ impl<'a> Walk<'a> {
         StageRequest {
             motion: Motion::Pivot,
             ends: (turn.to_rad - self.allowed_rad).abs() <= AT_END,
+            behind: false,
             pose: PlanarPose {
                 yaw_rad: yaw_rad + self.allowed_rad - self.at,
                 ..place.pose()
@@ -323,6 +337,7 @@ mod tests {
         StageRequest {
             motion,
             ends: false,
+            behind: false,
             pose: PlanarPose::default(),
             curvature_per_m: 0.0,
             inputs: MotorSpeeds::STOP,
@@ -359,5 +374,12 @@ mod tests {
         };
         let weights = end.weights(&all, 1.0);
         assert_eq!(weights.along_per_m2, all.cross_per_m2);
+        let behind = StageRequest {
+            behind: true,
+            ..on_the_way
+        };
+        let weights = behind.weights(&all, CROSS_RAMP_S / 3.0);
+        assert_eq!(weights.along_per_m2, weights.cross_per_m2);
+        assert!(weights.along_per_m2 > 0.0);
     }
 }

@@ -136,6 +136,38 @@ fn no_target_lies_beyond_a_cusp_and_the_end_of_a_drive_is_a_place() {
 }
 
 #[test]
+fn a_plan_is_held_to_the_begin_of_its_drive_while_it_is_behind() {
+    let course = Course::Straight(Straight::default());
+    let along = |behind_m: f64| {
+        let place = |reference: &Reference| {
+            let start = start(reference);
+            PlanarPose {
+                x_m: start.x_m + 0.1,
+                y_m: start.y_m - behind_m,
+                ..start
+            }
+        };
+        let controller = following(ControllerKind::IcrikMpc, &course, 0.0, 1, place);
+        let targets = controller.horizon.targets.iter();
+        let shares =
+            targets.map(|target| target.weights.along_per_m2 / target.weights.cross_per_m2);
+        shares.collect::<Vec<f64>>()
+    };
+    let behind = along(1.0);
+    let until = behind.iter().position(|share| *share == 0.0).unwrap();
+    // It comes to the path, and then is held in speed only.
+    assert!(
+        until > 5 && behind[..until].iter().all(|share| *share == 1.0),
+        "{behind:?}"
+    );
+    assert!(
+        behind[until..].iter().all(|share| *share == 0.0),
+        "{behind:?}"
+    );
+    assert!(along(0.0).iter().all(|share| *share == 0.0));
+}
+
+#[test]
 fn the_price_of_speed_grows_while_the_vehicle_waits_and_falls_when_it_moves_on() {
     let course = Course::Straight(Straight::default());
     let mut controller = following(ControllerKind::IcrikMpc, &course, 0.0, 1, start);
