@@ -26,7 +26,7 @@ use crate::config::{ControllerConfig, ControllerKind};
 use crate::estimator::{Estimate, Estimator};
 use crate::guard::Guard;
 use crate::memory::Memory;
-use crate::mpc::{Horizon, Mpc, Plan, QpFailure, Solution, StageTarget};
+use crate::mpc::{ExtraError, ExtraTerms, Horizon, Mpc, Plan, QpFailure, Solution, StageTarget};
 use crate::pure_pursuit::PursuitView;
 use crate::reference::{Progress, Reference};
 use crate::tracked_point::TrackedPoint;
@@ -214,6 +214,20 @@ impl Controller {
         self.reference = Some(next);
         self.predictions.drop_pending();
         self.watchdog.reset();
+    }
+
+    /// Adds terms to the cost and the constraints of the plan from the next cycle on, in place of those added before, or
+    /// removes these. They stay in force through stops and new references. A cycle in which no plan meets the constraints
+    /// is one without a solution: [`Status::Fallback`], then a stop with [`StopReason::NoSolution`]. Allocates.
+    ///
+    /// # Errors
+    /// [`ExtraError`] of a law that does not plan, for terms of another number of stages, and where the solver does not
+    /// take the problem; the terms in force stay.
+    pub fn set_extra_terms(&mut self, terms: Option<ExtraTerms>) -> Result<(), ExtraError> {
+        match &mut self.law {
+            Law::Mpc(mpc) => mpc.set_extra_terms(terms),
+            Law::PurePursuit => Err(ExtraError::NoPlan),
+        }
     }
 
     /// Drops the reference from the next cycle on: a moving vehicle is stopped.

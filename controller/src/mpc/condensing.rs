@@ -14,6 +14,7 @@
 //! inputs); between blocks they stay variables tied by equalities. That keeps the Hessian's blocks
 //! small and dense, where an interior-point method spends the least time on 20 to 50 stages.
 
+mod extra;
 mod feasible;
 mod terms;
 
@@ -21,6 +22,8 @@ use super::limits::{Change, InputLimits};
 use super::problem::QpData;
 use super::settings::ChangeWeights;
 use super::structure::{Block, ROWS_PER_STAGE, change_scale, packed, structure};
+pub use extra::PlannedExtra;
+use extra::{ExtraRows, StageLines};
 use nalgebra::Vector3;
 use sidehill_plant::prediction::LinearisedStep;
 use sidehill_plant::speeds::MotorSpeeds;
@@ -113,6 +116,8 @@ pub struct Condenser {
     row_speeds: [f64; 2],
     tread_rows: bool,
     first_inequality: usize,
+    extra_rows: ExtraRows,
+    block_stages: usize,
     cost_scale: f64,
     /// The input in force, of the last QP.
     previous: MotorSpeeds,
@@ -127,15 +132,18 @@ pub struct Condenser {
 
 impl Condenser {
     /// Returns the condenser of a horizon of `stages` in blocks of `block_stages`, with the QP data
-    /// whose values it writes.
+    /// whose values it writes. With extra terms it has so many rows of them a stage.
     pub fn new(
         stages: usize,
         block_stages: usize,
         limits: InputLimits,
+        extra_rows: Option<usize>,
         cost_scale: f64,
     ) -> (Self, QpData) {
         let tread_rows = !limits.treads_follow_from_motors();
-        let (blocks, data) = structure(stages, block_stages, &limits, tread_rows);
+        let (blocks, data, places) =
+            structure(stages, block_stages, &limits, tread_rows, extra_rows);
+        let extra_count = 2 * stages * extra_rows.unwrap_or(0);
         let widest = blocks.iter().map(Block::width).max().unwrap_or(0);
         let condenser = Self {
             blocks,
@@ -144,6 +152,8 @@ impl Condenser {
             limits,
             tread_rows,
             first_inequality: data.equalities,
+            extra_rows: ExtraRows::new(data.b.len() - extra_count, extra_count, places),
+            block_stages,
             cost_scale,
             previous: MotorSpeeds::STOP,
             jacobian: std::array::from_fn(|_| vec![0.0; widest + 1]),
@@ -156,16 +166,34 @@ impl Condenser {
         (condenser, data)
     }
 
+    /// Returns the condenser of the same horizon with other extra rows, and its QP data.
+    pub fn with_extra_rows(&self, extra_rows: Option<usize>) -> (Self, QpData) {
+        // The limits as they were at first: those of this cycle may be lower.
+        let mut limits = self.limits;
+        [limits.traction.speed_m_s, limits.steer.speed_m_s] = self.row_speeds;
+        let (stages, block_stages) = (self.stages, self.block_stages);
+        let (mut other, data) =
+            Self::new(stages, block_stages, limits, extra_rows, self.cost_scale);
+        other.limits = self.limits;
+        (other, data)
+    }
+
     /// Writes the QP of `stages` about the plan, which begins in the present state; `previous` is the
-    /// input in force.
+    /// input in force, `extra` are terms with as many rows as there is room for.
     ///
     /// `stages` must have the horizon's length; no memory is allocated.
-    pub fn assemble(&mut self, stages: &[Stage], previous: MotorSpeeds, data: &mut QpData) {
+    pub fn assemble(
+        &mut self,
+        stages: &[Stage],
+        previous: MotorSpeeds,
+        extra: Option<PlannedExtra<'_>>,
+        data: &mut QpData,
+    ) {
         debug_assert_eq!(stages.len(), self.stages);
         self.previous = previous;
         data.q.fill(0.0);
         for i in 0..self.blocks.len() {
-            self.condense_block(i, stages, data);
+            self.condense_block(i, stages, extra, data);
         }
         self.input_cost(stages, previous, data);
         self.bounds(stages, previous, data);
@@ -185,8 +213,21 @@ impl Condenser {
         &mut self.limits
     }
 
-    /// Writes one block's Hessian, gradient and continuity.
-    fn condense_block(&mut self, index: usize, stages: &[Stage], data: &mut QpData) {
+    /// Returns the largest multiplier of an extra row, for each of its units and in those of the cost, of the
+    /// multipliers of a QP.
+    pub fn largest_extra_multiplier(&self, dual: &[f64]) -> f64 {
+        // The QP's cost is half of the plan's, times the scale.
+        2.0 / self.cost_scale * self.extra_rows.largest_multiplier(dual)
+    }
+
+    /// Writes one block's Hessian, gradient, extra rows and continuity.
+    fn condense_block(
+        &mut self,
+        index: usize,
+        stages: &[Stage],
+        extra: Option<PlannedExtra<'_>>,
+        data: &mut QpData,
+    ) {
         let block = &self.blocks[index];
         let width = block.width();
         let [x, y, yaw] = &mut self.jacobian;
@@ -223,6 +264,17 @@ impl Condenser {
             x[width] += stage.defect.x;
             y[width] += stage.defect.y;
             yaw[width] += stage.defect.z;
+            if let Some(extra) = extra {
+                let k = block.first_stage + stage_in_block;
+                let lines = StageLines {
+                    states: [&x[..=width], &y[..=width], &yaw[..=width]],
+                    input: used,
+                };
+                let gradient = &mut data.q[block.first..];
+                let hessian = (&mut self.hessian[..], stride);
+                extra.add_cost(k, &lines, self.cost_scale, gradient, hessian);
+                self.extra_rows.write(k, extra, &lines, data);
+            }
             let used = used + 2;
 
             let (along_x, along_y) = stage.along;

@@ -67,6 +67,7 @@ impl Mpc {
             let weights = self.weights_of(k, &asked, error.z, horizon);
             let way = (&from, &state, self.times.step_s(k));
             cost += stage_cost(&weights, &asked, along, way, input, before);
+            cost += self.extra_cost(k, self.shifted.states[0].z, way.1, input);
             if cost >= too_much {
                 return;
             }

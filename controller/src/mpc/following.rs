@@ -10,6 +10,10 @@ use sidehill_plant::speeds::MotorSpeeds;
 impl Mpc {
     /// Moves the plan to the QP's solution, or as far as the model confirms it.
     pub(super) fn follow(&mut self, horizon: &Horizon) {
+        if let Some(extra) = &mut self.extra {
+            let dual = &self.solver.point().dual;
+            extra.set_price(self.condenser.largest_extra_multiplier(dual));
+        }
         let before = self.cost_of(&self.plan, horizon);
         let cost = self.apply_within(self.settings.step_limit, before, horizon);
         self.cost = cost;
@@ -87,6 +91,7 @@ impl Mpc {
             let (input, target) = (plan.inputs[k], &horizon.targets[k]);
             let way = (&plan.states[k], &plan.states[k + 1], self.times.step_s(k));
             cost += stage_cost(&stage.weights(), target, stage.along, way, input, before);
+            cost += self.extra_cost(k, plan.states[0].z, way.1, input);
             before = input;
         }
         cost
@@ -107,12 +112,27 @@ impl Mpc {
             self.rolled[k + 1] = state;
             let way = (&from, &state, self.times.step_s(k));
             cost += stage_cost(&stage.weights(), target, stage.along, way, input, before);
+            cost += self.extra_cost(k, self.plan.states[0].z, way.1, input);
             if cost > largest {
                 return f64::INFINITY;
             }
             before = input;
         }
         cost
+    }
+
+    /// Returns what the extra terms cost of a stage that ends in `state`, of a plan whose first heading is
+    /// `first_yaw_rad`; 0 without such terms.
+    pub(super) fn extra_cost(
+        &self,
+        stage: usize,
+        first_yaw_rad: f64,
+        state: &Vector3<f64>,
+        input: MotorSpeeds,
+    ) -> f64 {
+        self.extra
+            .as_ref()
+            .map_or(0.0, |extra| extra.cost(stage, first_yaw_rad, state, input))
     }
 
     /// Returns the increment of the state over a stage by the model itself, of a vehicle that moved as `moving`,

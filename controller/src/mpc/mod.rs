@@ -8,6 +8,7 @@
 mod active_limits;
 mod clarabel_qp;
 mod condensing;
+mod extra;
 mod failure;
 mod first_plan;
 mod following;
@@ -28,6 +29,7 @@ mod structure;
 mod working_set;
 
 pub use condensing::StageWeights;
+pub use extra::{EXTRA_ROWS_MAX, EXTRA_SIZE, ExtraCost, ExtraError, ExtraRow, ExtraTerms};
 pub use failure::QpFailure;
 pub use model::Model;
 pub(crate) use model::StepStart;
@@ -40,7 +42,8 @@ pub use step_limit::StepLimit;
 
 use crate::clock::Instant;
 use crate::tracked_point::TrackedPoint;
-use condensing::{Condenser, Stage};
+use condensing::{Condenser, PlannedExtra, Stage};
+use extra::Extra;
 use nalgebra::Vector3;
 use recursion::PlanFeedback;
 use serde::{Deserialize, Serialize};
@@ -234,6 +237,7 @@ pub struct Mpc {
     condenser: Condenser,
     solver: QpSolver,
     feedback: PlanFeedback,
+    extra: Option<Box<Extra>>,
 }
 
 impl Mpc {
@@ -246,6 +250,7 @@ impl Mpc {
             settings.stages,
             settings.block_stages,
             settings.limits,
+            None,
             COST_SCALE,
         );
         let solver = QpSolver::new(data, settings.qp)?;
@@ -266,6 +271,7 @@ impl Mpc {
             condenser,
             solver,
             feedback: PlanFeedback::new(settings.stages),
+            extra: None,
             model: model.into(),
             settings,
         };
@@ -302,6 +308,34 @@ impl Mpc {
         }
     }
 
+    /// Adds terms to the QPs from the next cycle on, in place of those added before, or removes these. Allocates, so
+    /// that the cycles do not.
+    ///
+    /// Where no plan meets the rows a cycle fails with [`QpFailure::Infeasible`]. One that its deadline ends fails, too:
+    /// there is no projection on the rows to salvage it with.
+    ///
+    /// # Errors
+    /// [`ExtraError`] for terms of another horizon, and where the solver does not take the problem.
+    pub fn set_extra_terms(&mut self, terms: Option<ExtraTerms>) -> Result<(), ExtraError> {
+        let needed = self.settings.stages;
+        if let Some(found) = terms.as_ref().map(ExtraTerms::stages)
+            && found != needed
+        {
+            return Err(ExtraError::Stages { found, needed });
+        }
+        let rows_of = |terms: Option<&ExtraTerms>| terms.map(ExtraTerms::rows_per_stage);
+        let rows = rows_of(terms.as_ref());
+        if rows != rows_of(self.extra.as_ref().map(|extra| &extra.terms)) {
+            let (condenser, data) = self.condenser.with_extra_rows(rows);
+            self.solver = QpSolver::new(data, self.settings.qp)?;
+            self.condenser = condenser;
+        }
+        self.extra = terms.map(|terms| Box::new(Extra::new(terms)));
+        // The plan's cost was that of other terms.
+        self.cost = 0.0;
+        Ok(())
+    }
+
     /// Makes the next plan from nothing, as after a change of the path.
     pub fn discard_plan(&mut self) {
         self.planned = false;
@@ -323,6 +357,11 @@ impl Mpc {
         &mut self.model
     }
 
+    /// Returns the number of stages N.
+    pub fn stages(&self) -> usize {
+        self.settings.stages
+    }
+
     /// Returns the times of the stages.
     pub fn stage_times(&self) -> &StageTimes {
         &self.times
@@ -337,8 +376,13 @@ impl Mpc {
 
     fn condense(&mut self, horizon: &Horizon) {
         let previous = self.settings.limits.within_bounds(horizon.previous);
+        let extra = self.extra.as_ref().map(|extra| PlannedExtra {
+            terms: &extra.terms,
+            states: &self.plan.states,
+            inputs: &self.plan.inputs,
+        });
         self.condenser
-            .assemble(&self.stages, previous, self.solver.data_mut());
+            .assemble(&self.stages, previous, extra, self.solver.data_mut());
     }
 
     /// Solves the condensed QP and moves the plan to its solution; a failure leaves the plan as it
@@ -354,6 +398,10 @@ impl Mpc {
             .solver
             .solve(deadline)
             .or_else(|failure| {
+                let extra = self.extra.as_ref();
+                if extra.is_some_and(|extra| extra.terms.rows_per_stage() > 0) {
+                    return Err(failure);
+                }
                 let (condenser, stages) = (&self.condenser, &self.stages);
                 self.solver.salvage(failure, |data, primal| {
                     condenser.make_feasible(stages, data, primal);
@@ -382,7 +430,14 @@ impl Mpc {
             (0..self.stages.len()).take_while(|&k| k == 0 || self.times.end_s(k - 1) < until_s);
         let terms = self.stages[..counted.count()]
             .iter()
-            .map(|stage| stage.terms([0.0; 2], COST_SCALE));
+            .enumerate()
+            .map(|(k, stage)| {
+                let extra = self.extra.as_ref().map(|extra| {
+                    let weight = extra.terms.weight(k);
+                    weight.map(|line| line.map(|entry| COST_SCALE * entry))
+                });
+                (stage.terms([0.0; 2], COST_SCALE), extra)
+            });
         self.feedback.find(terms).is_some()
     }
 

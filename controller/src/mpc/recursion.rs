@@ -166,12 +166,21 @@ impl PlanFeedback {
         }
     }
 
-    /// Finds the feedback of stages with these terms, the first one first; none where an input has no positive
-    /// curvature.
-    pub fn find(&mut self, terms: impl DoubleEndedIterator<Item = StageTerms>) -> Option<()> {
+    /// Finds the feedback of stages with these terms, the first one first, each with the curvature that extra costs have by
+    /// the state at its end and its inputs; none where an input has no positive curvature.
+    pub fn find(
+        &mut self,
+        terms: impl DoubleEndedIterator<Item = (StageTerms, Option<[[f64; STATES]; STATES]>)>,
+    ) -> Option<()> {
         self.stages.clear();
         let mut after = CostToGo::default();
-        for terms in terms.rev() {
+        for (terms, extra) in terms.rev() {
+            if let Some(extra) = extra {
+                let curvature = after.curvature.as_flattened_mut();
+                for (entry, extra) in curvature.iter_mut().zip(extra.as_flattened()) {
+                    *entry += extra;
+                }
+            }
             let (feedback, to_go) = backwards(&terms, [InputRule::Free; MOTORS], &after)?;
             self.stages.push((terms, feedback));
             after = to_go;

@@ -39,20 +39,23 @@ impl Block {
     }
 }
 
-/// Returns the blocks of a horizon, and a QP of their structure that holds the values which never
-/// change.
+/// Returns the blocks of a horizon, a QP of their structure that holds the values which never
+/// change, and where the entries of the extra rows of each stage stand among A's values. `extra_rows` is their number
+/// in each stage where there are extra terms.
 pub fn structure(
     stages: usize,
     block_stages: usize,
     limits: &InputLimits,
     tread_rows: bool,
-) -> (Vec<Block>, QpData) {
+    extra_rows: Option<usize>,
+) -> (Vec<Block>, QpData, Vec<Vec<usize>>) {
     let (mut blocks, variables) = blocks(stages, block_stages);
     let p = hessian(&mut blocks, variables);
     let mut rows = RowList::default();
     let continuity = rows.continuity(&blocks);
     let equalities = rows.count;
     rows.inputs(&blocks, limits, tread_rows);
+    let extra = rows.extra(&blocks, extra_rows.unwrap_or(0));
     let (mut a, positions) = pattern(rows.count, variables, &rows.entries);
     for (position, value) in positions.iter().zip(&rows.values) {
         a.nzval[*position] = *value;
@@ -60,19 +63,21 @@ pub fn structure(
     for (block, entries) in blocks.iter_mut().zip(continuity) {
         block.continuity = positions[entries].to_vec();
     }
+    let extra = extra.into_iter().map(|entries| positions[entries].to_vec());
+    let extra = extra.collect();
     let data = QpData {
         p,
         q: vec![0.0; variables],
         a,
         b: vec![0.0; rows.count],
         equalities,
-        stages: if tread_rows {
+        stages: if tread_rows || extra_rows.is_some() {
             Vec::new()
         } else {
             vec![StageTerms::default(); stages]
         },
     };
-    (blocks, data)
+    (blocks, data, extra)
 }
 
 /// Returns the blocks, and how many variables they have in all.
@@ -157,6 +162,25 @@ impl RowList {
                 self.set(self.count + row, next.first + row, 1.0);
             }
             self.count += 3;
+        }
+        places
+    }
+
+    /// Lists `count` extra rows of each stage, each from above and from below; returns for each stage which entries are
+    /// theirs.
+    fn extra(&mut self, blocks: &[Block], count: usize) -> Vec<Range<usize>> {
+        let mut places = Vec::new();
+        for block in blocks {
+            for stage in 0..block.stages {
+                let start = self.entries.len();
+                for _ in 0..2 * count {
+                    for column in 0..block.input(stage) + 2 {
+                        self.set(self.count, block.first + column, 0.0);
+                    }
+                    self.count += 1;
+                }
+                places.push(start..self.entries.len());
+            }
         }
         places
     }

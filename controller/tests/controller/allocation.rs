@@ -1,11 +1,12 @@
 //! What a cycle allocates on the heap in the steady state.
 
-use crate::rig::{Setup, course, plane};
+use crate::rig::{Rig, Setup, course, plane};
 use allocation_counter::{AllocationInfo, measure};
 use sidehill_controller::config::{AttitudePreview, ControllerKind};
 use sidehill_controller::controller::Status;
 use sidehill_controller::guard::GuardConfig;
 use sidehill_controller::memory::MemoryConfig;
+use sidehill_controller::mpc::{ExtraCost, ExtraRow, ExtraTerms};
 use sidehill_plant::sensors::SensorsConfig;
 
 fn late_poses() -> SensorsConfig {
@@ -19,7 +20,10 @@ fn late_poses() -> SensorsConfig {
 
 /// Allocations of each of 400 cycles after the history of readings has filled.
 fn allocations(setup: Setup) -> Vec<AllocationInfo> {
-    let mut rig = setup.build();
+    allocations_of(setup.build())
+}
+
+fn allocations_of(mut rig: Rig) -> Vec<AllocationInfo> {
     for _ in 0..200 {
         rig.cycle();
     }
@@ -57,6 +61,25 @@ fn an_mpc_cycle_allocates_nothing() {
                 assert_eq!(*info, AllocationInfo::default(), "cycle {cycle}");
             }
         }
+    }
+}
+
+#[test]
+fn a_cycle_with_extra_terms_allocates_nothing() {
+    let mut rig = mpc(SensorsConfig::default(), AttitudePreview::Measured).build();
+    let stages = rig.controller.config().stages;
+    let mut cost = ExtraCost::default();
+    (cost.weight[3][3], cost.target[3]) = (5.0, 0.3);
+    // One binds.
+    let rows = [0.25, 0.9].map(|high| ExtraRow {
+        by: [0.0, 0.0, 0.0, 1.0, 0.0],
+        low: -high,
+        high,
+    });
+    let terms = ExtraTerms::new(vec![cost; stages], rows.repeat(stages)).unwrap();
+    rig.controller.set_extra_terms(Some(terms)).unwrap();
+    for (cycle, info) in allocations_of(rig).iter().enumerate() {
+        assert_eq!(*info, AllocationInfo::default(), "cycle {cycle}");
     }
 }
 

@@ -8,6 +8,7 @@ mod ahead;
 mod allocation;
 mod corners;
 mod endurance;
+mod extra;
 mod following;
 mod path;
 mod poses;

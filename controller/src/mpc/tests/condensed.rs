@@ -64,9 +64,10 @@ pub fn assert_same_optimum(
     block_stages: usize,
     reference: QpMode,
 ) {
-    let (mut condenser, data) = Condenser::new(stages.len(), block_stages, *limits, COST_SCALE);
+    let (mut condenser, data) =
+        Condenser::new(stages.len(), block_stages, *limits, None, COST_SCALE);
     let mut solver = QpSolver::new(data, exact()).unwrap();
-    condenser.assemble(stages, previous, solver.data_mut());
+    condenser.assemble(stages, previous, None, solver.data_mut());
     solver.solve(None).unwrap();
     let expected = optimal_corrections(stages, previous, limits, reference);
     let found: Vec<_> = condenser.input_corrections(solver.primal()).collect();

@@ -18,7 +18,7 @@ proptest! {
             })
             .collect();
         let mut feedback = PlanFeedback::new(8);
-        feedback.find(terms.iter().copied()).unwrap();
+        feedback.find(terms.iter().map(|terms| (*terms, None))).unwrap();
         let answer: Vec<_> = feedback.answer(start).collect();
 
         // A QP's deviations begin with 0: the change is in what the first stage adds.

@@ -8,8 +8,9 @@ use crate::mpc::rows::Rows;
 
 /// Returns the QP of `stages` in which only bounds and changes limit the inputs.
 fn qp(stages: &[Stage]) -> (Condenser, QpData) {
-    let (mut condenser, mut data) = Condenser::new(stages.len(), 5, input_limits(2.0), COST_SCALE);
-    condenser.assemble(stages, motors(0.3, -0.2), &mut data);
+    let (mut condenser, mut data) =
+        Condenser::new(stages.len(), 5, input_limits(2.0), None, COST_SCALE);
+    condenser.assemble(stages, motors(0.3, -0.2), None, &mut data);
     (condenser, data)
 }
 

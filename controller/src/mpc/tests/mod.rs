@@ -3,6 +3,7 @@
 mod binding_limits;
 mod closed_loop;
 mod condensed;
+mod extra;
 mod feedback;
 mod first_plan;
 mod following;

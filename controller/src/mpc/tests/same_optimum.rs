@@ -178,8 +178,8 @@ fn random_qps_have_the_same_optimum() {
         let previous = motors(draw(-0.6, 0.6), draw(-0.5, 0.5));
         let block_stages = draw(1.0, 8.99) as usize;
         let (mut condenser, mut data) =
-            Condenser::new(stages.len(), block_stages, limits, COST_SCALE);
-        condenser.assemble(&stages, previous, &mut data);
+            Condenser::new(stages.len(), block_stages, limits, None, COST_SCALE);
+        condenser.assemble(&stages, previous, None, &mut data);
         compare_with_variants(&data, &mut random, &mut counts, &format!("case {case}"));
     }
     println!("{counts:?}");

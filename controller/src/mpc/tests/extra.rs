@@ -1,0 +1,434 @@
+//! Extra costs and constraints: in the QP, and in the cost by which its solution is followed.
+
+use super::closed_loop::{Course, mpc, settings, solve};
+use super::condensed::stage;
+use super::*;
+use crate::mpc::recursion::{InputRule, Recursion};
+use std::f64::consts::TAU;
+
+const X: [f64; EXTRA_SIZE] = [1.0, 0.0, 0.0, 0.0, 0.0];
+const Y: [f64; EXTRA_SIZE] = [0.0, 1.0, 0.0, 0.0, 0.0];
+const TRACTION: [f64; EXTRA_SIZE] = [0.0, 0.0, 0.0, 1.0, 0.0];
+const STEER: [f64; EXTRA_SIZE] = [0.0, 0.0, 0.0, 0.0, 1.0];
+const NO_COST: ExtraCost = ExtraCost {
+    weight: [[0.0; EXTRA_SIZE]; EXTRA_SIZE],
+    target: [0.0; EXTRA_SIZE],
+};
+
+/// The cost w (g' (z - r))^2.
+fn along(w: f64, g: [f64; EXTRA_SIZE], target: [f64; EXTRA_SIZE]) -> ExtraCost {
+    let weight = g.map(|a| g.map(|b| w * a * b));
+    ExtraCost { weight, target }
+}
+
+fn row(by: [f64; EXTRA_SIZE], low: f64, high: f64) -> ExtraRow {
+    ExtraRow { by, low, high }
+}
+
+/// The same terms for each of 40 stages.
+fn alike(cost: ExtraCost, rows: &[ExtraRow]) -> Option<ExtraTerms> {
+    Some(ExtraTerms::new(vec![cost; 40], rows.repeat(40)).unwrap())
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// Full turns of the heading in which plans of these tests begin.
+const TURNS_RAD: f64 = 3.0 * TAU;
+
+/// Returns the QP's variables and z of each stage where the planned inputs are corrected by `corrections`.
+fn corrected(
+    stages: &[Stage],
+    plan: &Plan,
+    corrections: &[[f64; 2]],
+    block_stages: usize,
+) -> (Vec<f64>, Vec<[f64; EXTRA_SIZE]>) {
+    let (mut primal, mut all, mut xi) = (Vec::new(), Vec::new(), Vector3::zeros());
+    for (k, (stage, [traction, steer])) in stages.iter().zip(corrections).enumerate() {
+        if k > 0 && k % block_stages == 0 {
+            primal.extend(xi.iter());
+        }
+        primal.extend([traction, steer]);
+        let step = &stage.step;
+        let inputs = step.by_traction * *traction + step.by_steer * *steer;
+        xi += step.by_yaw * xi.z + inputs + stage.defect;
+        let (state, input) = (plan.states[k + 1] + xi, plan.inputs[k]);
+        all.push([
+            state.x,
+            state.y,
+            state.z - TURNS_RAD,
+            input.traction_m_s + traction,
+            input.steer_m_s + steer,
+        ]);
+    }
+    (primal, all)
+}
+
+proptest! {
+    #[test]
+    fn the_qp_has_the_cost_and_the_rows_of_the_stages(
+        stages in prop::collection::vec(stage(), 12),
+        block_stages in 1..=5_usize,
+        numbers in prop::collection::vec(prop::array::uniform5(-1.0..1.0_f64), 5 * 12),
+        tread_speed_m_s in prop_oneof![Just(2.0), Just(1.3)],
+    ) {
+        let mut plan = Plan { states: vec![Vector3::new(0.0, 0.0, TURNS_RAD + 0.3)], inputs: Vec::new() };
+        let mut corrections = [Vec::new(), Vec::new()];
+        for (k, stage) in stages.iter().enumerate() {
+            let [x, y, yaw, traction, steer] = numbers[5 * k];
+            plan.states.push(Vector3::new(x, y, TURNS_RAD + yaw));
+            plan.inputs.push(stage.input);
+            corrections[0].push([traction, steer]);
+            let [.., traction, steer] = numbers[5 * k + 1];
+            corrections[1].push([traction, steer]);
+        }
+        let points = corrections.map(|own| corrected(&stages, &plan, &own, block_stages));
+        let (mut costs, mut rows) = (Vec::new(), Vec::new());
+        for k in 0..stages.len() {
+            let mut cost = along(3.0, numbers[5 * k + 2], numbers[5 * k + 3]);
+            // The same heading.
+            cost.target[2] += 2.0 * TAU;
+            costs.push(cost);
+            let by = numbers[5 * k + 4];
+            let value = dot(&by, &points[0].1[k]);
+            rows.push(row(by, value, value));
+            rows.push(row(by, f64::NEG_INFINITY, value + 0.1));
+        }
+        let expected = |all: &[[f64; EXTRA_SIZE]]| -> f64 {
+            let squares = all.iter().zip(&costs).enumerate().map(|(k, (z, cost))| {
+                let mut error: [f64; EXTRA_SIZE] = std::array::from_fn(|i| z[i] - cost.target[i]);
+                error[2] = wrap_angle(error[2]);
+                3.0 * dot(&error, &numbers[5 * k + 2]).powi(2)
+            });
+            squares.sum()
+        };
+        let expected = points.each_ref().map(|(_, all)| 0.5 * COST_SCALE * expected(all));
+        let terms = ExtraTerms::new(costs.clone(), rows).unwrap();
+        let (count, previous) = (stages.len(), motors(0.1, -0.2));
+        let (mut plain, mut without) =
+            Condenser::new(count, block_stages, input_limits(tread_speed_m_s), None, COST_SCALE);
+        plain.assemble(&stages, previous, None, &mut without);
+        let (mut condenser, mut data) = plain.with_extra_rows(Some(2));
+        let extra = PlannedExtra { terms: &terms, states: &plan.states, inputs: &plan.inputs };
+        condenser.assemble(&stages, previous, Some(extra), &mut data);
+
+        let added = points.each_ref().map(|(primal, _)| data.cost(primal) - without.cost(primal));
+        let (found, expected) = (added[1] - added[0], expected[1] - expected[0]);
+        // Where half a turn is between, the QP's parabola is another than that beyond.
+        let near = points.iter().flat_map(|(_, all)| all).zip(costs.iter().cycle())
+            .zip(plan.states[1..].iter().cycle())
+            .all(|((z, cost), state)| {
+                let planned = wrap_angle(state.z - TURNS_RAD - cost.target[2]);
+                (planned + z[2] - (state.z - TURNS_RAD)).abs() < 3.1
+            });
+        prop_assert!(!near || (found - expected).abs() < 1e-8 * (1.0 + expected.abs()), "{} {}", found, expected);
+
+        let mut point = Point::zeros(&data);
+        point.primal.copy_from_slice(&points[0].0);
+        data.slacken(&mut point);
+        prop_assert_eq!(data.b.len(), without.b.len() + 4 * count);
+        for (k, slacks) in point.slack[without.b.len()..].chunks(4).enumerate() {
+            prop_assert!(slacks[0].abs() < 1e-12 && slacks[1].abs() < 1e-12, "stage {}: {:?}", k, slacks);
+            prop_assert!(slacks[2] > 0.0 && slacks[3] == 1.0, "stage {}: {:?}", k, slacks);
+        }
+    }
+
+    #[test]
+    fn a_plan_with_an_extra_cost_answers_a_change_of_its_start_as_its_qp(
+        stages in prop::collection::vec(stage(), 8),
+        directions in prop::collection::vec(prop::array::uniform3(-1.0..1.0_f64), 8),
+        start in prop::array::uniform3(-0.3..0.3_f64),
+    ) {
+        // Of a cost of the state alone the stages' own terms can tell the answer.
+        let plain = |stage: &Stage| stage.terms([0.0; 2], 1.0);
+        let mut with: Vec<_> = stages.iter().map(plain).collect();
+        let extra = |k: usize| {
+            let [x, y, yaw] = directions[k];
+            along(2.0, [x, y, yaw, 0.0, 0.0], [0.0; EXTRA_SIZE]).weight
+        };
+        let mut feedback = PlanFeedback::new(8);
+        let own = stages.iter().enumerate().map(|(k, stage)| (plain(stage), Some(extra(k))));
+        feedback.find(own).unwrap();
+        let answer: Vec<_> = feedback.answer(start).collect();
+        for (k, terms) in with.iter_mut().enumerate() {
+            for i in 0..3 {
+                for j in 0..3 {
+                    terms.weight[i][j] += extra(k)[i][j];
+                }
+            }
+        }
+        let mut same = PlanFeedback::new(8);
+        same.find(with.iter().map(|terms| (*terms, None))).unwrap();
+        for (own, expected) in answer.iter().flatten().zip(same.answer(start).collect::<Vec<_>>().iter().flatten()) {
+            prop_assert!((own - expected).abs() < 1e-9, "{} {}", own, expected);
+        }
+        let mut qp = Recursion::new(8);
+        prop_assert!(qp.solve(&with, &[[InputRule::Free; 2]; 8], 7).is_some());
+    }
+}
+
+/// An MPC at a place of the figure of eight that has solved twelve QPs with these terms.
+fn settled(terms: Option<ExtraTerms>, step_limit: StepLimit) -> (Mpc, Horizon) {
+    let mut settings = settings(40, 5);
+    settings.step_limit = step_limit;
+    settings.qp = exact();
+    let mut course = Course::new();
+    let mut mpc = mpc(settings);
+    for _ in 0..10 {
+        course.solve(&mut mpc).unwrap();
+        course.drive(&mpc);
+    }
+    mpc.set_extra_terms(terms).unwrap();
+    let horizon = course.horizon(&mpc.settings);
+    for _ in 0..12 {
+        mpc.linearise(&horizon).condense().solve(None).unwrap();
+    }
+    (mpc, horizon)
+}
+
+/// The cost of a plan's inputs with a correction of one of them, as steps are judged by it.
+fn cost_of(mpc: &Mpc, horizon: &Horizon, stage: usize, correction: MotorSpeeds) -> f64 {
+    let mut plan = mpc.plan.clone();
+    plan.inputs[stage].traction_m_s += correction.traction_m_s;
+    plan.inputs[stage].steer_m_s += correction.steer_m_s;
+    let mut moving = horizon.moving;
+    for (k, target) in horizon.targets.iter().enumerate() {
+        let (state, input) = (plan.states[k], plan.inputs[k]);
+        plan.states[k + 1] = state + mpc.increment(k, target, state.z, input, &mut moving);
+    }
+    mpc.cost_of(&plan, horizon)
+}
+
+#[test]
+fn the_gradient_of_the_qp_is_that_of_the_cost_by_which_steps_are_judged() {
+    // One block: its variables are the inputs.
+    let mut settings = settings(40, 40);
+    settings.qp = exact();
+    let mut course = Course::new();
+    let mut mpc = mpc(settings);
+    let costs = (0..40).map(|k| {
+        let share = f64::from(k) / 40.0;
+        along(
+            20.0,
+            [1.0, 0.5, 0.3, share, 0.4],
+            [share, 1.0, 0.1, 0.3, -0.1],
+        )
+    });
+    mpc.set_extra_terms(Some(ExtraTerms::new(costs.collect(), Vec::new()).unwrap()))
+        .unwrap();
+    for cycle in 0..60 {
+        course.solve(&mut mpc).unwrap();
+        course.drive(&mpc);
+        if cycle % 10 < 9 {
+            continue;
+        }
+        let horizon = course.horizon(&mpc.settings);
+        mpc.move_on(0.05, 1.0, &horizon.targets[0].normal_in_world);
+        let _ = mpc.linearise(&horizon).condense();
+        let gradient = mpc.qp().0.q.clone();
+        for (variable, slope) in gradient.iter().enumerate() {
+            let by = |step: f64| match variable % 2 {
+                0 => cost_of(&mpc, &horizon, variable / 2, motors(step, 0.0)),
+                _ => cost_of(&mpc, &horizon, variable / 2, motors(0.0, step)),
+            };
+            let expected = 0.5 * COST_SCALE * (by(1e-6) - by(-1e-6)) / 2e-6;
+            assert!(
+                (slope - expected).abs() < 1e-3,
+                "cycle {cycle}, variable {variable}: {slope}, expected {expected}"
+            );
+        }
+    }
+}
+
+#[test]
+fn an_extra_cost_moves_a_plan_to_where_the_algebra_says() {
+    // A stage of T on level ground, ahead from y: minimise c/T (u - u_0)^2 + w (y + T u - r)^2 + v (u - s)^2.
+    let (step_s, change, before) = (0.15, 0.05, 0.4);
+    let mut settings = settings(1, 1);
+    settings.qp = exact();
+    let mut horizon = Course::new().horizon(&settings);
+    horizon.previous = motors(before, 0.0);
+    let target = &mut horizon.targets[0];
+    target.normal_in_world = Vector3::z();
+    target.weights = target.weights.scaled(0.0);
+    for (w, v, turns) in [
+        (0.0, 0.0, 0.0),
+        (3.0, 0.0, 0.0),
+        (0.0, 0.7, 2.0),
+        (4.0, 0.3, -1.0),
+    ] {
+        horizon.start = PlanarPose {
+            x_m: 1.0,
+            y_m: -2.0,
+            yaw_rad: turns * TAU,
+        };
+        let (r, s) = (-1.97, 0.42);
+        let mut cost = along(w, Y, [0.0, r, 0.0, s, 0.0]);
+        cost.weight[3][3] = v;
+        let mut mpc = mpc(settings.clone());
+        // Steer would move the origin, beside which the vehicle turns.
+        let straight = vec![row(STEER, 0.0, 0.0)];
+        mpc.set_extra_terms(Some(ExtraTerms::new(vec![cost], straight).unwrap()))
+            .unwrap();
+        for _ in 0..20 {
+            solve(&mut mpc, &horizon, None).unwrap();
+        }
+        let expected = (change / step_s * before + w * step_s * (r + 2.0) + v * s)
+            / (change / step_s + w * step_s * step_s + v);
+        let input = mpc.plan().unwrap().inputs[0];
+        assert!(
+            (input.traction_m_s - expected).abs() < 1e-6,
+            "{input:?}, expected {expected}"
+        );
+        assert!(input.steer_m_s.abs() < 1e-6, "{input:?}");
+    }
+}
+
+#[test]
+fn a_row_that_binds_is_held_and_its_steps_are_taken() {
+    let free = settled(None, StepLimit::default()).0.plan;
+    let most = |of: &dyn Fn(usize) -> f64| (0..40).map(of).fold(f64::NEG_INFINITY, f64::max);
+    let x = |plan: &Plan| most(&|k| plan.states[k + 1].x);
+    let steer = |plan: &Plan| most(&|k| plan.inputs[k].steer_m_s);
+    let high = x(&free) - 0.2;
+    for limit in [
+        StepLimit::default(),
+        StepLimit {
+            steer_m_s: 0.1,
+            ..StepLimit::default()
+        },
+    ] {
+        let (mpc, _) = settled(alike(NO_COST, &[row(X, f64::NEG_INFINITY, high)]), limit);
+        assert!(
+            (x(&mpc.plan) - high).abs() < 1e-4,
+            "{} {high}",
+            x(&mpc.plan)
+        );
+        // Steps that are refused make it grow to hundreds.
+        assert!(mpc.damping.s2_per_m2 < 10.0, "{:?}", mpc.damping);
+    }
+    let high = 0.5 * steer(&free);
+    let (mpc, _) = settled(
+        alike(NO_COST, &[row(STEER, -9.0, high)]),
+        StepLimit::default(),
+    );
+    assert!(
+        (steer(&mpc.plan) - high).abs() < 1e-6,
+        "{} {high}",
+        steer(&mpc.plan)
+    );
+    // An equality.
+    let (mpc, _) = settled(
+        alike(NO_COST, &[row(STEER, 0.1, 0.1)]),
+        StepLimit::default(),
+    );
+    assert!(
+        mpc.plan
+            .inputs
+            .iter()
+            .all(|input| (input.steer_m_s - 0.1).abs() < 1e-6)
+    );
+}
+
+#[test]
+fn rows_that_no_plan_meets_end_in_a_failure_that_leaves_the_plan() {
+    let mut course = Course::new();
+    let mut mpc = mpc(settings(40, 5));
+    for _ in 0..10 {
+        course.solve(&mut mpc).unwrap();
+        course.drive(&mpc);
+    }
+    let plan = mpc.plan().unwrap().clone();
+    let horizon = course.horizon(&mpc.settings);
+    for rows in [
+        vec![row(X, 100.0, 101.0)],
+        vec![row(TRACTION, 1.5, 2.0)],
+        vec![row(X, 0.0, 0.0), row(X, 1.0, 1.0)],
+    ] {
+        mpc.set_extra_terms(alike(NO_COST, &rows)).unwrap();
+        let failure = solve(&mut mpc, &horizon, None);
+        assert_eq!(failure, Err(QpFailure::Infeasible), "{rows:?}");
+        assert_eq!(mpc.plan(), Some(&plan));
+    }
+    mpc.set_extra_terms(None).unwrap();
+    solve(&mut mpc, &horizon, None).unwrap();
+}
+
+#[test]
+fn an_mpc_whose_terms_were_removed_plans_as_one_that_had_none() {
+    let mut course = Course::new();
+    let mut settings = settings(40, 5);
+    settings.limits = input_limits(0.7);
+    let (mut mpc, mut twin) = (mpc(settings.clone()), mpc(settings));
+    for mpc in [&mut mpc, &mut twin] {
+        // Drives of a weak battery: the rows are scaled by the speeds of full ones.
+        mpc.set_speed_limits(0.5, 0.4);
+    }
+    mpc.set_extra_terms(alike(
+        along(1.0, X, [0.0; EXTRA_SIZE]),
+        &[row(X, -9.0, 9.0)],
+    ))
+    .unwrap();
+    mpc.set_extra_terms(None).unwrap();
+    for _ in 0..40 {
+        course.solve(&mut mpc).unwrap();
+        course.solve(&mut twin).unwrap();
+        assert_eq!(mpc.plan, twin.plan);
+        course.drive(&mpc);
+    }
+}
+
+#[test]
+fn terms_that_are_wrong_are_refused_with_their_stage() {
+    let cost = |stage: usize, entry: &dyn Fn(&mut ExtraCost)| {
+        let mut costs = vec![NO_COST; 3];
+        entry(&mut costs[stage]);
+        ExtraTerms::new(costs, Vec::new()).unwrap_err().to_string()
+    };
+    assert_eq!(
+        cost(2, &|cost| cost.weight[1][0] = 1.0),
+        "weight: stage 2 is not symmetric"
+    );
+    assert_eq!(
+        cost(1, &|cost| cost.weight[1][1] = -2.0),
+        "weight: stage 1 has the eigenvalue -2, and none may be negative"
+    );
+    assert_eq!(
+        cost(0, &|cost| cost.weight[4][4] = f64::NAN),
+        "weight: stage 0 has a value that is not finite"
+    );
+    assert_eq!(
+        cost(1, &|cost| cost.target[0] = f64::INFINITY),
+        "target: stage 1 has a value that is not finite"
+    );
+    let rows = |rows: &[ExtraRow]| {
+        ExtraTerms::new(vec![NO_COST; 2], rows.to_vec())
+            .unwrap_err()
+            .to_string()
+    };
+    let good = row(X, 0.0, 1.0);
+    assert_eq!(
+        rows(&[good, good, good, row(X, 2.0, 1.0)]),
+        "low, high: stage 1, row 1: 2 to 1 has no value"
+    );
+    assert_eq!(
+        rows(&[row(X, f64::NAN, 1.0), good]),
+        "low, high: stage 0, row 0: NaN to 1 has no value"
+    );
+    assert_eq!(
+        rows(&[good, row([f64::NAN; 5], 0.0, 1.0)]),
+        "rows: stage 1 has a value that is not finite"
+    );
+    assert!(rows(&[good; 3]).starts_with("rows: 3 for 2 stages"));
+    assert!(rows(&[good; 18]).starts_with("rows: 18 for 2 stages"));
+    let mut mpc = mpc(settings(40, 5));
+    let of_three = ExtraTerms::new(vec![NO_COST; 3], Vec::new()).unwrap();
+    assert_eq!(
+        mpc.set_extra_terms(Some(of_three)),
+        Err(ExtraError::Stages {
+            found: 3,
+            needed: 40
+        })
+    );
+}
