@@ -11,6 +11,7 @@ with bounds on the inputs; a cycle takes about 6 ms.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ import numpy as np
 import sidehill
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
+Controller = Callable[[sidehill.Measured], tuple[float, float]]
 SMOOTHING_M_S = 0.02
 """Speed within which the kinks at standstill are rounded off, m/s."""
 
@@ -143,17 +145,22 @@ class CasadiMpc:
         return (traction - steer) / self.vehicle.correction_left, (traction + steer) / self.vehicle.correction_right
 
 
-def main() -> dict[str, float]:
-    """Drives a slope of 12 deg with both MPCs and returns their cross-track RMS, m."""
+def beside_ours(own: Callable[[sidehill.Vehicle], Controller]) -> dict[str, float]:
+    """Drives a slope of 12 deg with ours and the controller that `own` makes; returns their cross-track RMS, m."""
     scenario = sidehill.Scenario.load(CONFIG / "scenarios/figure_eight.yaml").with_(
         terrain={"kind": "plane", "slope_deg": 12, "uphill_heading_deg": 30},
         course={"shape": "figure_eight", "half_width_m": 1.6, "half_length_m": 2.6, "period_s": 40},
     )
-    result = sidehill.simulate(scenario, controllers=["icrik-mpc", CasadiMpc(scenario.vehicle), "icrhk-mpc"])
+    result = sidehill.simulate(scenario, controllers=["icrik-mpc", own(scenario.vehicle), "icrhk-mpc"])
     errors = {run["controller"]: float(run["cross_track_rms_m"]) for run in result.metrics["runs"]}
     for name, error in errors.items():
         print(f"{name:10}: cross-track RMS {100 * error:.2f} cm")
     return errors
+
+
+def main() -> dict[str, float]:
+    """Drives with the MPC in CasADi beside ours; returns their cross-track RMS, m."""
+    return beside_ours(CasadiMpc)
 
 
 if __name__ == "__main__":
