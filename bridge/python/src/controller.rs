@@ -3,6 +3,7 @@
 use crate::arguments::{html, kind, number, numbers, object, seed};
 use crate::decision::Decision;
 use crate::errors::{failed, guarded, invalid};
+use crate::extra;
 use crate::history::History;
 use crate::qp::Qp;
 use crate::scenario::Scenario;
@@ -13,12 +14,13 @@ use pyo3::types::PyDict;
 use sidehill::config::Overrides;
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller as law;
+use sidehill_controller::mpc::{ExtraError, ExtraTerms, Mpc};
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::frames::{Attitude, Pose};
 use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
 use sidehill_plant::vehicle as model;
-use std::sync::{Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Instant;
 
 /// Follows a scenario's path: one step() a control period.
@@ -55,14 +57,15 @@ struct State {
 }
 
 /// What a controller was told, in the order of its calls.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 enum Told {
     Sample(Sample),
+    Extra(Option<Arc<ExtraTerms>>),
     RequestStop,
     Rearm,
 }
 
-/// A [`Told`] as Python's own values: the call's name, the time, and the readings of `step`.
+/// A [`Told`] as Python's own values: the call's name, the time and the readings of `step`, extra terms.
 type Call = (
     String,
     f64,
@@ -70,19 +73,27 @@ type Call = (
     Option<(f64, f64)>,
     Option<(f64, f64, f64, f64, f64)>,
     Option<f64>,
+    Option<extra::Numbers>,
 );
 
 impl State {
-    fn tell(&mut self, told: Told) {
-        match told {
+    fn tell(&mut self, told: Told) -> PyResult<()> {
+        match &told {
             Told::Sample(sample) => {
-                self.step(sample);
-                return;
+                self.step(*sample);
+                return Ok(());
+            }
+            Told::Extra(terms) => {
+                let terms = terms.as_deref().cloned();
+                self.law.set_extra_terms(terms).map_err(invalid)?;
+                // The solver is that of the next QP.
+                self.solved = false;
             }
             Told::RequestStop => self.law.request_stop(),
             Told::Rearm => self.law.rearm(),
         }
         self.told.push(told);
+        Ok(())
     }
 
     fn step(&mut self, sample: Sample) -> law::Decision {
@@ -209,14 +220,41 @@ impl Controller {
 
     /// Stops the vehicle at its decelerations from the next cycle on, until rearm().
     fn request_stop(&self) -> PyResult<()> {
-        self.state()?.tell(Told::RequestStop);
-        Ok(())
+        self.state()?.tell(Told::RequestStop)
     }
 
     /// Lets a stopped controller drive again, with an estimate made from nothing.
     fn rearm(&self) -> PyResult<()> {
-        self.state()?.tell(Told::Rearm);
-        Ok(())
+        self.state()?.tell(Told::Rearm)
+    }
+
+    /// Adds costs and constraints to the plan from the next step on, in place of those added before; without arguments it
+    /// removes them.
+    ///
+    /// With z_k = (x_m, y_m, yaw_rad, traction_m_s, steer_m_s), the planned state at the end of stage k and the effective
+    /// input during it, the plan's cost is that of tracking plus the sum of (z_k - target_k)' weight_k (z_k - target_k), and
+    /// low_k <= rows_k z_k <= high_k. The stub has shapes and the rest.
+    #[pyo3(signature = (*, weight=None, target=None, rows=None, low=None, high=None))]
+    fn set_extra_terms(
+        &self,
+        py: Python<'_>,
+        weight: Option<&Bound<'_, PyAny>>,
+        target: Option<&Bound<'_, PyAny>>,
+        rows: Option<&Bound<'_, PyAny>>,
+        low: Option<&Bound<'_, PyAny>>,
+        high: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<()> {
+        let arguments = extra::Arguments {
+            weight,
+            target,
+            rows,
+            low,
+            high,
+        };
+        let stages = self.state()?.law.mpc().map(Mpc::stages);
+        let stages = stages.ok_or_else(|| invalid(ExtraError::NoPlan))?;
+        let terms = arguments.terms(py, stages)?.map(Arc::new);
+        guarded(py, || self.state()?.tell(Told::Extra(terms)))
     }
 
     /// The QP that the last step solved, with its solution; None where it solved none.
@@ -333,7 +371,9 @@ impl Controller {
         let controller = Self::of(py, origin)?;
         guarded(py, || {
             let mut state = controller.state()?;
-            calls.iter().for_each(|call| state.tell(told(call)));
+            for call in &calls {
+                state.tell(told(call)?)?;
+            }
             drop(state);
             Ok(controller)
         })
@@ -368,11 +408,16 @@ type Pickled = (
     Vec<Call>,
 );
 
+/// Name of the call that sets extra terms.
+const EXTRA: &str = "set_extra_terms";
+
 fn call(told: &Told) -> Call {
+    let other = |name: &str, terms| (name.to_owned(), 0.0, None, None, None, None, terms);
     let sample = match told {
         Told::Sample(sample) => sample,
-        Told::RequestStop => return ("request_stop".to_owned(), 0.0, None, None, None, None),
-        Told::Rearm => return ("rearm".to_owned(), 0.0, None, None, None, None),
+        Told::Extra(terms) => return other(EXTRA, terms.as_deref().map(extra::numbers)),
+        Told::RequestStop => return other("request_stop", None),
+        Told::Rearm => return other("rearm", None),
     };
     let treads = sample.tread_speeds.map(|treads| treads.value);
     let attitude = sample.attitude.map(|attitude| attitude.value);
@@ -385,17 +430,22 @@ fn call(told: &Told) -> Call {
             (time_s, value.x_m, value.y_m, value.z_m, value.yaw_rad)
         }),
         sample.yaw_rate.map(|yaw_rate| yaw_rate.value),
+        None,
     )
 }
 
-fn told((name, time_s, treads, attitude, pose, yaw_rate): &Call) -> Told {
+fn told((name, time_s, treads, attitude, pose, yaw_rate, terms): &Call) -> PyResult<Told> {
     let time_s = *time_s;
     match name.as_str() {
-        "request_stop" => return Told::RequestStop,
-        "rearm" => return Told::Rearm,
+        EXTRA => {
+            let terms = terms.as_ref().map(extra::from_numbers).transpose()?;
+            return Ok(Told::Extra(terms.map(Arc::new)));
+        }
+        "request_stop" => return Ok(Told::RequestStop),
+        "rearm" => return Ok(Told::Rearm),
         _ => {}
     }
-    Told::Sample(Sample {
+    Ok(Told::Sample(Sample {
         time_s,
         tread_speeds: treads.map(|(left_m_s, right_m_s)| Stamped {
             time_s,
@@ -421,7 +471,7 @@ fn told((name, time_s, treads, attitude, pose, yaw_rate): &Call) -> Told {
                 yaw_rad,
             },
         }),
-    })
+    }))
 }
 
 fn tread_speeds(time_s: f64, value: &Bound<'_, PyAny>) -> PyResult<Stamped<MeasuredTreadSpeeds>> {

@@ -8,6 +8,7 @@ mod campaign;
 mod controller;
 mod decision;
 mod errors;
+mod extra;
 mod history;
 mod linearise;
 mod logs;

@@ -43,6 +43,7 @@ sidehill.Scenario(path=np.zeros((3, 2)), vehicle=rover, terrain=ground).with_(se
 copy.copy(controller).step(0.0)
 found = sidehill.linearise(vehicle, "contact", (0, 0, 0), np.zeros(2), (0.1, 0.2), step_s=0.1)
 eigenvalues = np.linalg.eigvals(found.A)
+controller.set_extra_terms(weight=np.eye(5), target=(0, 1, 0, 0, 0), rows=[[0, 0, 0, 1, 0]], high=0.3)
 qp = controller.qp
 if qp is not None:
     gap = qp.P @ qp.x + qp.q + qp.A.T @ qp.y

@@ -362,7 +362,8 @@ class Qp:
 
     minimise 1/2 x' P x + q' x subject to l <= A x <= u. Its variables are corrections of the plan before: of the states
     (x, y, yaw) at the begin of each block of stages but the first, and of the inputs (traction, steer) of its stages,
-    block by block. At the solution P x + q + A' y = 0, and multipliers y of inequalities are not negative.
+    block by block. Rows of extra terms come last, each from above and from below, scaled. At the solution P x + q + A' y =
+    0, and multipliers y of inequalities are not negative.
     """
 
     @property
@@ -447,9 +448,36 @@ class Controller:
         """Stops the vehicle at its decelerations from the next cycle on, until rearm()."""
     def rearm(self) -> None:
         """Lets a stopped controller drive again, with an estimate made from nothing."""
+    def set_extra_terms(
+        self,
+        *,
+        weight: npt.ArrayLike | None = None,
+        target: npt.ArrayLike | None = None,
+        rows: npt.ArrayLike | None = None,
+        low: npt.ArrayLike | None = None,
+        high: npt.ArrayLike | None = None,
+    ) -> None:
+        """Adds costs and constraints to the plan from the next step on, in place of those added before.
+
+        Without arguments it removes them. z_k = (x_m, y_m, yaw_rad, traction_m_s, steer_m_s) are the planned state at the
+        end of stage k, in the world, and the effective input during it: row k + 1 of `Decision.plan` and row k of
+        `plan_inputs`, with a yaw that is within (-pi, pi] where the plan begins. The plan minimises the cost of tracking
+        plus the sum over its N stages of (z_k - target_k)' weight_k (z_k - target_k), with low_k <= rows_k z_k <= high_k.
+
+        weight: symmetric, positive semidefinite, in the units of the scenario's `weights`: 1/m^2 for x and y, 1/rad^2 for
+            yaw, s^2/m^2 for inputs. Shape (5, 5) for all stages, or (N, 5, 5).
+        target: shape (5,) or (N, 5). Differences of yaw are taken within (-pi, pi].
+        rows: shape (m, 5) or (N, m, 5), m at most 8.
+        low, high: fit shape (N, m); -inf and inf, as without them, for no end.
+
+        They hold in `qp`, whose model is linear about the plan before. A step whose rows no plan meets has the status
+        fallback and the reason "the QP is infeasible"; several of them stop the vehicle. So leave rows on the state open
+        in the first stages, which inputs hardly change. Raises ValueError naming argument and stage, and for a kind
+        without a plan; the terms in force then stay. Copies and pickles have them.
+        """
     @property
     def qp(self) -> Qp | None:
-        """The QP that the last step solved, with its solution; None where it solved none."""
+        """The QP that the last step solved, with its solution; None where it solved none, and after set_extra_terms."""
     @property
     def kind(self) -> Kind:
         """Name of the controller."""
