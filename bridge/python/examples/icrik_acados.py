@@ -3,7 +3,7 @@
     python bridge/python/examples/icrik_acados.py
 
 It needs acados with its Python interface (acados_template) and CasADi. The model has the expressions of `icrik_casadi.py`.
-The MPC is one real-time iteration a cycle, a QP by HPIPM about the plan before; a cycle takes less than 1 ms.
+The MPC is one real-time iteration a cycle, a QP by HPIPM about the plan before: some 40 times as fast as IPOPT there.
 """
 
 from __future__ import annotations
