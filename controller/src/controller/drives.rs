@@ -86,10 +86,11 @@ impl std::fmt::Display for DriveResponse {
 struct Motor {
     configured_m_s: f64,
     limit_m_s: f64,
-    /// Largest speed at which it was limited, and command that it was short of, m/s; 0 where it is not limited.
+    /// Largest speed at which it was limited since it last reached its command, and command that it was short of, m/s;
+    /// 0 where there is none.
     reached_m_s: f64,
     asked_m_s: f64,
-    /// Share of its command that it reached when it was limited.
+    /// Share of its command that it reached at that speed.
     share: f64,
     short_s: f64,
     /// Time for which no limit is taken, since speeds are scaled down, s.
@@ -137,6 +138,8 @@ impl Motor {
         } else {
             self.short_s = (self.short_s - elapsed_s).max(0.0);
             if !below {
+                // What it reaches now is not scaled down.
+                self.reached_m_s = 0.0;
                 let rise_m_s = RECOVERY_M_S2 * elapsed_s;
                 self.limit_m_s = (self.limit_m_s + rise_m_s).min(self.configured_m_s);
             }
@@ -157,12 +160,10 @@ impl Motor {
                 && speed + MARGIN_M_S < self.limit_m_s
             {
                 self.limit_m_s = (speed + MARGIN_M_S).max(LIMIT_MIN_M_S);
-                self.reached_m_s = match same_share {
-                    true => self.reached_m_s.max(speed),
-                    false => speed,
-                };
+                if !same_share || speed > self.reached_m_s {
+                    (self.reached_m_s, self.share) = (speed, share);
+                }
                 self.asked_m_s = self.asked_m_s.max(command);
-                self.share = share;
             }
         }
         if self.limit_m_s >= self.configured_m_s {
@@ -341,6 +342,18 @@ mod tests {
             }
             let over_m_s = motor.limit_m_s - reaches_m_s;
             assert!((0.0..0.1).contains(&over_m_s), "{reaches_m_s}: {over_m_s}");
+        }
+    }
+
+    #[test]
+    fn a_limit_that_falls_slowly_is_one_to_its_end() {
+        let mut motor = Motor::new(1.0);
+        for cycle in 0..3600 {
+            let command_m_s = 0.46_f64.min(0.98 * motor.limit_m_s);
+            let reaches_m_s = 0.228 * (1.0 - 0.005 * CYCLE_S * f64::from(cycle)).max(0.2);
+            motor.observe(command_m_s.min(reaches_m_s), command_m_s, CYCLE_S);
+            let over_m_s = motor.limit_m_s - reaches_m_s;
+            assert!(cycle < 20 || over_m_s < 0.06, "{cycle}: {over_m_s}");
         }
     }
 
