@@ -11,8 +11,10 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// First word of a file.
-const FORMAT: &str = "sidehill-learned-2";
+/// First word of a file, without the number of its layout.
+const KIND: &str = "sidehill-learned-";
+/// Number of the layout that is written and read.
+const LAYOUT: &str = "2";
 
 /// Default maximum age of what was learned, days.
 pub const DAYS_MAX: f64 = 90.0;
@@ -50,7 +52,7 @@ pub fn save(path: &Path, learned: &Learned) -> Result<()> {
         learned: learned.clone(),
     };
     let body = serde_json::to_string(&contents)?;
-    let text = format!("{FORMAT} {:016x}\n{body}\n", fnv_1a(body.as_bytes()));
+    let text = format!("{KIND}{LAYOUT} {:016x}\n{body}\n", fnv_1a(body.as_bytes()));
     replace(path, text.as_bytes())
         .with_context(|| format!("{}: what was learned cannot be written", path.display()))
 }
@@ -110,9 +112,17 @@ pub fn load(path: &Path, days_max: f64) -> Result<LearnedFile> {
 
 fn parse(text: &str) -> Result<LearnedContents> {
     let (head, body) = text.split_once('\n').unwrap_or((text, ""));
-    let Some(given) = head.strip_prefix(FORMAT).map(str::trim) else {
-        bail!("refused: no file of what was learned (first line must begin with {FORMAT})");
+    let Some((layout, given)) = head
+        .strip_prefix(KIND)
+        .and_then(|rest| rest.split_once(' '))
+    else {
+        bail!("refused: no file of what was learned (first line must begin with {KIND}{LAYOUT})");
     };
+    if layout != LAYOUT {
+        bail!(
+            "refused: has layout {layout}, this program reads layout {LAYOUT}; it is learned again by driving"
+        );
+    }
     let Some(body) = body.strip_suffix('\n') else {
         bail!("refused: the file is cut short");
     };
@@ -258,6 +268,12 @@ mod tests {
                 assert!(why.contains("refused"), "{at}: {why}");
             }
         }
+        let older = file.text.replacen("learned-2", "learned-1", 1);
+        let why = refusal(older.as_bytes());
+        assert!(
+            why.contains("damaged.learned: refused: has layout 1, this program reads layout 2"),
+            "{why}"
+        );
         let contents = parse(&file.text).unwrap();
         let days = |days: f64| {
             let now_s = contents.saved_unix_s + days * 86_400.0;
