@@ -39,6 +39,8 @@ pub mod init;
 #[cfg(not(target_family = "wasm"))]
 mod log_file;
 #[cfg(not(target_family = "wasm"))]
+pub mod migrate;
+#[cfg(not(target_family = "wasm"))]
 pub mod odometry;
 #[cfg(not(target_family = "wasm"))]
 pub mod output;

@@ -7,8 +7,8 @@ use clap::{Parser, Subcommand};
 #[cfg(feature = "package")]
 use sidehill::documents;
 use sidehill::{
-    campaign, check, console, drive, drive_report, icr, identify, init, odometry, play, replay,
-    route, simulate, tune,
+    campaign, check, console, drive, drive_report, icr, identify, init, migrate, odometry, play,
+    replay, route, simulate, tune,
 };
 use sidehill_bridge::ros2::arguments;
 use std::process::ExitCode;
@@ -60,6 +60,8 @@ enum Command {
     Report(drive_report::ReportArgs),
     /// Validates configuration files.
     Check(check::CheckArgs),
+    /// Takes keys that no longer exist out of configuration files.
+    Migrate(migrate::MigrateArgs),
     /// Writes a commented set of configuration files for a robot.
     Init(init::InitArgs),
     /// Writes man pages and shell completions, for packages.
@@ -92,6 +94,7 @@ fn main() -> ExitCode {
         Command::Replay(args) => replay::run(&args),
         Command::Report(args) => drive_report::run(&args),
         Command::Check(args) => check::run(&args),
+        Command::Migrate(args) => migrate::run(&args),
         Command::Init(args) => init::run(&args).map(|()| ExitCode::SUCCESS),
         #[cfg(feature = "package")]
         Command::Documents(args) => {

@@ -4,6 +4,7 @@ use super::hints::{
 };
 use super::keys::Keys;
 use super::overlay::overlay;
+use super::removed;
 use crate::limits;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -338,9 +339,11 @@ impl ConfigFile {
                 ));
             }
             let message = error.to_string();
-            let hint = syntax_hint(&message)
+            let keys = Keys::of(&self.text);
+            let hint = removed::hint(&keys, &message)
+                .or_else(|| syntax_hint(&message))
                 .or_else(|| other_kind(&self.text, &message))
-                .or_else(|| key_of_value(&Keys::of(&self.text), &message));
+                .or_else(|| key_of_value(&keys, &message));
             self.error(format!("{message}{}", hint.unwrap_or_default()))
         })
     }

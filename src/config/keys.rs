@@ -4,14 +4,23 @@
 //! checks after parsing. This index knows the line of every key.
 
 use saphyr_parser::{Event, Parser, Span, SpannedEventReceiver};
+use std::ops::Range;
 
 /// A key of a mapping with its parent keys and line.
 #[derive(Debug, PartialEq)]
-struct KeyPlace {
-    path: Vec<String>,
-    line: usize,
+pub(super) struct KeyPlace {
+    /// Names of its parents and its own.
+    pub(super) path: Vec<String>,
+    /// Line, counted from 1.
+    pub(super) line: usize,
     /// Its value, unless that is a list or a mapping.
     value: Option<String>,
+    /// From the first character of the key to the end of its value, in characters of the text.
+    pub(super) span: Range<usize>,
+    /// End of its name, likewise.
+    pub(super) name_end: usize,
+    /// Whether it stands between braces.
+    pub(super) in_braces: bool,
 }
 
 /// A key that occurs twice in one mapping.
@@ -26,7 +35,7 @@ pub(super) struct Duplicate {
 /// All keys of a text, in their order.
 #[derive(Debug, Default)]
 pub(super) struct Keys {
-    keys: Vec<KeyPlace>,
+    pub(super) keys: Vec<KeyPlace>,
     duplicate: Option<Duplicate>,
 }
 
@@ -35,6 +44,7 @@ enum Level {
     Mapping {
         first_key: usize,
         waits_for_key: bool,
+        in_braces: bool,
     },
     Sequence,
 }
@@ -44,6 +54,10 @@ struct KeyReader {
     found: Keys,
     levels: Vec<Level>,
     path: Vec<String>,
+    /// Keys whose value has not ended, as indices.
+    open: Vec<usize>,
+    /// End of the last event that has characters of its own.
+    end: usize,
 }
 
 impl Keys {
@@ -95,10 +109,14 @@ impl KeyReader {
         if let Some(Level::Mapping { waits_for_key, .. }) = self.levels.last_mut() {
             *waits_for_key = true;
             self.path.pop();
+            if let Some(key) = self.open.pop() {
+                self.found.keys[key].span.end = self.end;
+            }
         }
     }
 
-    fn key(&mut self, name: &str, line: usize, first_key: usize) {
+    fn key(&mut self, name: &str, span: Span, first_key: usize, in_braces: bool) {
+        let line = span.start.line();
         self.path.push(name.to_owned());
         let before = self.found.keys[first_key..]
             .iter()
@@ -110,10 +128,14 @@ impl KeyReader {
                 lines: (first, line),
             });
         }
+        self.open.push(self.found.keys.len());
         self.found.keys.push(KeyPlace {
             path: self.path.clone(),
             line,
             value: None,
+            span: span.start.index()..span.end.index(),
+            name_end: span.end.index(),
+            in_braces,
         });
     }
 }
@@ -124,13 +146,18 @@ impl<'input> SpannedEventReceiver<'input> for KeyReader {
             Some(Level::Mapping {
                 first_key,
                 waits_for_key: true,
-            }) => Some(*first_key),
+                in_braces,
+            }) => Some((*first_key, *in_braces)),
             _ => None,
         };
+        // The end of a block has a place, but no characters.
+        if !span.is_empty() {
+            self.end = span.end.index();
+        }
         match event {
             Event::Scalar(name, ..) => match key_of {
-                Some(first_key) => {
-                    self.key(&name, span.start.line(), first_key);
+                Some((first_key, in_braces)) => {
+                    self.key(&name, span, first_key, in_braces);
                     if let Some(Level::Mapping { waits_for_key, .. }) = self.levels.last_mut() {
                         *waits_for_key = false;
                     }
@@ -148,6 +175,7 @@ impl<'input> SpannedEventReceiver<'input> for KeyReader {
             Event::MappingStart(..) => self.levels.push(Level::Mapping {
                 first_key: self.found.keys.len(),
                 waits_for_key: true,
+                in_braces: !span.is_empty(),
             }),
             Event::SequenceStart(..) => self.levels.push(Level::Sequence),
             Event::MappingEnd | Event::SequenceEnd => {

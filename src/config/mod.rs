@@ -12,12 +12,14 @@ mod hints;
 mod keys;
 #[cfg(not(target_family = "wasm"))]
 mod live_odometry;
+mod migration;
 mod overlay;
 mod plant;
 mod prepared;
 #[cfg(not(target_family = "wasm"))]
 mod record;
 mod reference;
+mod removed;
 #[cfg(not(target_family = "wasm"))]
 mod run;
 mod scenario;
@@ -41,6 +43,7 @@ pub use live_odometry::LiveOdometryConfig;
 /// The program by its sources: results of two builds are not mixed.
 pub(crate) const BUILD: &str = env!("SIDEHILL_BUILD");
 
+pub use migration::Migration;
 pub use overlay::changed;
 pub use plant::{Plant, PlantKind};
 pub use prepared::Prepared;

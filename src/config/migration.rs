@@ -1,0 +1,125 @@
+//! A configuration file without the keys that no longer exist.
+//!
+//! The text is edited at the places of the keys, so comments, order and layout of all else stay.
+
+use super::file::{ConfigError, ConfigFile};
+use super::keys::{KeyPlace, Keys};
+use super::removed::{Removed, removed};
+use serde_yaml::Value;
+use std::ops::Range;
+
+/// What a file becomes without the keys that no longer exist.
+#[derive(Debug, Clone)]
+pub struct Migration {
+    /// The new text; the file's own where nothing is removed.
+    pub text: String,
+    /// A line for each key that is removed: its place, its name, the version that removed it and why.
+    pub removed: Vec<String>,
+}
+
+impl Migration {
+    /// Returns what becomes of a file.
+    ///
+    /// # Errors
+    /// [`ConfigError::Content`], if it is no YAML, or if its layout does not allow to take out these keys and nothing else.
+    pub fn of(file: &ConfigFile) -> Result<Self, ConfigError> {
+        let mut expected: Value = file.parse()?;
+        let keys = Keys::of(file.text());
+        let mut lines = Vec::new();
+        for Removed {
+            place,
+            version,
+            reason,
+        } in removed(&keys)
+        {
+            take_out(&mut expected, &place.path);
+            let key = place.path.join(".");
+            lines.push(format!(
+                "line {}: - {key}, removed in {version}: {reason}",
+                place.line
+            ));
+        }
+        let mut text = file.text().to_owned();
+        // Each moves the places of those after it.
+        for _ in &lines {
+            let keys = Keys::of(&text);
+            if let Some(key) = removed(&keys).next() {
+                text = without(&text, &keys, key.place);
+            }
+        }
+        if !serde_yaml::from_str::<Value>(&text).is_ok_and(|found| found == expected) {
+            return Err(file.error(format!(
+                "its layout does not allow to take keys out; do it by hand: {}",
+                lines.join("; ")
+            )));
+        }
+        Ok(Self {
+            text,
+            removed: lines,
+        })
+    }
+}
+
+/// Removes a key, named with its parents.
+fn take_out(value: &mut Value, path: &[String]) {
+    if let Some((name, parents)) = path.split_last()
+        && let Some(Value::Mapping(section)) = parents
+            .iter()
+            .try_fold(value, |value, parent| value.get_mut(parent))
+    {
+        section.remove(name);
+    }
+}
+
+/// Returns the text without a key and its value.
+fn without(text: &str, keys: &Keys, place: &KeyPlace) -> String {
+    let mut characters: Vec<char> = text.chars().collect();
+    if place.in_braces {
+        characters.drain(among_commas(&characters, &place.span));
+        return characters.into_iter().collect();
+    }
+    characters.drain(whole_lines(&characters, &place.span));
+    // A section without keys would have no value, and be off.
+    let parents = &place.path[..place.path.len() - 1];
+    let is_beside =
+        |other: &&KeyPlace| other.path.len() == place.path.len() && other.path.starts_with(parents);
+    if keys.keys.iter().filter(is_beside).count() == 1
+        && let Some(section) = keys.keys.iter().find(|key| key.path == parents)
+        && let Some(colon) = characters[section.name_end..]
+            .iter()
+            .position(|c| *c == ':')
+    {
+        let after = section.name_end + colon + 1;
+        characters.splice(after..after, " {}".chars());
+    }
+    characters.into_iter().collect()
+}
+
+/// Returns the range of an entry between braces, with one of the commas that part it from others.
+fn among_commas(characters: &[char], entry: &Range<usize>) -> Range<usize> {
+    let spaces = |from: usize| {
+        let rest = &characters[from..];
+        from + rest.iter().take_while(|c| c.is_whitespace()).count()
+    };
+    let next = spaces(entry.end);
+    if characters.get(next) == Some(&',') {
+        return entry.start..spaces(next + 1);
+    }
+    let before = characters[..entry.start]
+        .iter()
+        .rposition(|c| !c.is_whitespace());
+    match before.filter(|before| characters[*before] == ',') {
+        Some(comma) => comma..entry.end,
+        None => entry.clone(),
+    }
+}
+
+/// Returns the range of the lines of an entry.
+fn whole_lines(characters: &[char], entry: &Range<usize>) -> Range<usize> {
+    let is_end = |c: &char| *c == '\n';
+    let start = characters[..entry.start].iter().rposition(is_end);
+    // A text in several lines ends with the last of them.
+    let last = entry.end.saturating_sub(1).max(entry.start);
+    let end = characters[last..].iter().position(is_end);
+    start.map_or(0, |end| end + 1)..end.map_or(characters.len(), |end| last + end + 1)
+}
