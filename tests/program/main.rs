@@ -7,6 +7,7 @@ mod campaign;
 mod check;
 mod configuration;
 mod configured;
+mod formats;
 mod icr;
 mod identify;
 mod loaders;

@@ -220,9 +220,8 @@ fn the_worst_runs_of_a_campaign_are_kept() {
 const KEPT_TOLERANCE_M_S: f64 = 1e-7;
 
 /// Unpacks a recording of the repository into a folder.
-fn kept(controller: &str, folder: &Path) -> PathBuf {
-    let name = format!("tests/data/recordings/drive_{controller}.mcap.zst");
-    let packed = std::fs::File::open(repository(&name)).unwrap();
+pub fn unpacked(name: &str, folder: &Path) -> PathBuf {
+    let packed = std::fs::File::open(repository(name)).unwrap();
     let mut unpacked = ruzstd::decoding::StreamingDecoder::new(packed).unwrap();
     let file = folder.join("drive.mcap");
     std::io::copy(&mut unpacked, &mut std::fs::File::create(&file).unwrap()).unwrap();
@@ -233,7 +232,8 @@ fn kept(controller: &str, folder: &Path) -> PathBuf {
 fn drives_recorded_on_another_machine_are_commanded_again() {
     let folder = tempfile::tempdir().unwrap();
     for controller in ["icrik-mpc", "contact-mpc"] {
-        let file = kept(controller, folder.path());
+        let name = format!("tests/data/recordings/drive_{controller}.mcap.zst");
+        let file = unpacked(&name, folder.path());
         let (figures, _) = json(&mut replay(&file, &[]));
         // JSON cannot represent an infinite difference.
         let largest = |figures: &Value| figures["largest_difference_m_s"].as_f64();
