@@ -37,6 +37,8 @@ pub(super) struct Duplicate {
 pub(super) struct Keys {
     pub(super) keys: Vec<KeyPlace>,
     duplicate: Option<Duplicate>,
+    /// Whether the text has no syntax error.
+    pub(super) complete: bool,
 }
 
 /// Parser state: in a mapping before a key or a value, or in a sequence.
@@ -65,7 +67,8 @@ impl Keys {
     pub(super) fn of(text: &str) -> Self {
         let mut reader = KeyReader::default();
         // A syntax error is reported by the deserialiser, with its line.
-        let _ = Parser::new_from_str(text).load(&mut reader, false);
+        let read = Parser::new_from_str(text).load(&mut reader, false);
+        reader.found.complete = read.is_ok();
         reader.found
     }
 

@@ -47,7 +47,9 @@ impl Migration {
                 text = without(&text, &keys, key.place);
             }
         }
-        if !serde_yaml::from_str::<Value>(&text).is_ok_and(|found| found == expected) {
+        let is_right =
+            |text: &str| serde_yaml::from_str::<Value>(text).is_ok_and(|found| found == expected);
+        if !(keys.complete && is_right(&text)) {
             return Err(file.error(format!(
                 "its layout does not allow to take keys out; do it by hand: {}",
                 lines.join("; ")
@@ -101,16 +103,23 @@ fn among_commas(characters: &[char], entry: &Range<usize>) -> Range<usize> {
         let rest = &characters[from..];
         from + rest.iter().take_while(|c| c.is_whitespace()).count()
     };
-    let next = spaces(entry.end);
-    if characters.get(next) == Some(&',') {
+    let at = |place: usize| characters.get(place).copied();
+    // A key without a value ends before its colon.
+    let colon = spaces(entry.end);
+    let end = match at(colon) {
+        Some(':') => colon + 1,
+        _ => entry.end,
+    };
+    let next = spaces(end);
+    if at(next) == Some(',') {
         return entry.start..spaces(next + 1);
     }
     let before = characters[..entry.start]
         .iter()
         .rposition(|c| !c.is_whitespace());
     match before.filter(|before| characters[*before] == ',') {
-        Some(comma) => comma..entry.end,
-        None => entry.clone(),
+        Some(comma) => comma..end,
+        None => entry.start..end,
     }
 }
 
@@ -122,4 +131,62 @@ fn whole_lines(characters: &[char], entry: &Range<usize>) -> Range<usize> {
     let last = entry.end.saturating_sub(1).max(entry.start);
     let end = characters[last..].iter().position(is_end);
     start.map_or(0, |end| end + 1)..end.map_or(characters.len(), |end| last + end + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::path::Path;
+
+    fn migration(text: &str) -> Result<Migration, ConfigError> {
+        Migration::of(&ConfigFile::with_text(Path::new("a.yaml"), text.to_owned()))
+    }
+
+    #[test]
+    fn only_the_key_goes_whatever_the_ends_of_lines_and_the_place() {
+        for (before, after) in [
+            (
+                "settings:\r\n  stages: 9 # ü\r\n  lead_max_m: 1 # ü\r\n",
+                "settings:\r\n  stages: 9 # ü\r\n",
+            ),
+            ("settings: {lead_max_m: 1}", "settings: {}"),
+            (
+                "settings: {lead_max_m: , stages: 9}",
+                "settings: {stages: 9}",
+            ),
+            ("settings:\n  lead_max_m: 1", "settings: {}\n"),
+            (
+                "settings:\n  # c\n  lead_max_m:\n\n  stages: 9\n",
+                "settings:\n  # c\n\n  stages: 9\n",
+            ),
+            (
+                "settings:\n  guard: # why\n    stop_before_m: 1\nport: can\n",
+                "settings:\n  guard: {} # why\nport: can\n",
+            ),
+            ("other: {lead_max_m: 1}\n", "other: {lead_max_m: 1}\n"),
+        ] {
+            assert_eq!(migration(before).unwrap().text, after, "{before}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_damaged_file_keeps_its_other_keys_or_is_refused(
+            at in any::<prop::sample::Index>(),
+            length in 0..24_usize,
+            put in "[ -~\n\u{e4}]{0,6}",
+        ) {
+            let old = "settings:\n  lead_max_m: 1 # \u{e4}\n  stages: 9\n  guard:\n    look_ahead_s: 9\n  memory: {cell_m: 1,\n    \
+                       kept_share: 1}\n  solver:\n    mode: a\nport: can\n";
+            let mut text: Vec<char> = old.chars().collect();
+            let begin = at.index(text.len());
+            let end = (begin + length).min(text.len());
+            text.splice(begin..end, put.chars());
+            if let Ok(once) = migration(&text.into_iter().collect::<String>()) {
+                let twice = migration(&once.text).unwrap();
+                prop_assert!(twice.removed.is_empty() && twice.text == once.text, "{once:?}\n{twice:?}");
+            }
+        }
+    }
 }
