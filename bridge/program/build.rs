@@ -10,7 +10,12 @@ fn main() {
     }
     println!("cargo::rerun-if-changed=build.rs");
     println!("cargo::rerun-if-env-changed=SIDEHILL_DDS_PATCHES");
-    let commit = git(&["rev-parse", "--short=12", "HEAD"]);
+    // Named where there is no repository, as in a container.
+    println!("cargo::rerun-if-env-changed=SIDEHILL_COMMIT");
+    let commit = std::env::var("SIDEHILL_COMMIT").ok();
+    let commit = commit
+        .filter(|commit| !commit.is_empty())
+        .or_else(|| git(&["rev-parse", "--short=12", "HEAD"]));
     let commit = commit.as_deref().unwrap_or("unknown");
     println!("cargo::rustc-env=SIDEHILL_COMMIT={commit}");
     // Set by bridge/patches/cargo.
