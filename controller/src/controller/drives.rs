@@ -27,7 +27,7 @@ const STEADY_M_S2: f64 = 0.1;
 /// Time for which a motor is short before its speed is taken for its limit, s.
 const SHORT_S: f64 = 0.4;
 /// Speed that a motor reaches at least where that is a limit and not a friction that it overcomes, m/s.
-const REACHED_MIN_M_S: f64 = 0.05;
+const REACHED_MIN_M_S: f64 = 0.02;
 /// Lowest limit, m/s: commands within a lower one would end in the dead band.
 const LIMIT_MIN_M_S: f64 = 0.1;
 /// Share of the speed that it was limited to below which a motor that is short again, by the same share of its command
