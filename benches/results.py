@@ -177,7 +177,7 @@ TABLES = {
     "routes": (routes, "minutes"),
     "robots": (robots, "a minute"),
     "campaign": (lambda: campaign("default", 4242, 1000, CONTROLLERS), "ten minutes of CPU time"),
-    "vehicles": (lambda: campaign("vehicles", 202001, 10000, ["contact-mpc", "icrhk-mpc"]), "hours of CPU time"),
+    "vehicles": (lambda: campaign("vehicles", 202001, 10000, CONTROLLERS[:3]), "hours of CPU time"),
     "mujoco": (lambda: engine("mujoco"), "an hour; needs the wheel and MuJoCo"),
     "drake": (lambda: engine("drake"), "ten minutes; needs the wheel and Drake"),
 }
