@@ -252,7 +252,7 @@ impl Controller {
         for (k, target) in targets.iter_mut().enumerate() {
             let way_m = target.feedforward.traction_m_s * times.step_s(k);
             let path_rad = target.along_heading_rad;
-            difference_rad -= path_rad - before_rad;
+            difference_rad -= wrap_angle(path_rad - before_rad);
             difference_rad = if way_m * ahead_m < 0.0 {
                 0.0
             } else {
@@ -271,7 +271,7 @@ impl Controller {
                     0 => heading_rad,
                     _ => targets[k - 1].along_heading_rad,
                 };
-                difference_rad += path_rad - before_rad;
+                difference_rad += wrap_angle(path_rad - before_rad);
                 difference_rad = difference_after(difference_rad, -way_m, ahead_m);
             } else {
                 difference_rad = targets[k].pose.yaw_rad - path_rad;

@@ -168,6 +168,31 @@ fn a_plan_is_held_to_the_begin_of_its_drive_while_it_is_behind() {
 }
 
 #[test]
+fn rounds_between_the_headings_of_vehicle_and_path_turn_no_target_of_a_tracked_point() {
+    let course = Course::Slalom(Slalom::default());
+    for forward_m in [0.4, -0.4] {
+        let turns_rad = |rounds: f64| -> Vec<f64> {
+            let mut controller = following(ControllerKind::IcrikMpc, &course, 0.0, 0, start);
+            controller.config.tracked_point.forward_m = forward_m;
+            let mut pose = start(controller.reference.as_ref().unwrap());
+            pose.yaw_rad += rounds * std::f64::consts::TAU;
+            see(&mut controller, &pose, 0..1);
+            let targets = controller.horizon.targets.iter();
+            targets
+                .map(|target| target.pose.yaw_rad - pose.yaw_rad)
+                .collect()
+        };
+        let same = turns_rad(0.0);
+        assert_eq!(same.len(), ControllerConfig::default().stages);
+        for rounds in [-1.0, 2.0] {
+            for (turn_rad, same_rad) in turns_rad(rounds).iter().zip(&same) {
+                assert!((turn_rad - same_rad).abs() < 1e-9, "{forward_m} {rounds}");
+            }
+        }
+    }
+}
+
+#[test]
 fn the_price_of_speed_grows_while_the_vehicle_waits_and_falls_when_it_moves_on() {
     let course = Course::Straight(Straight::default());
     let mut controller = following(ControllerKind::IcrikMpc, &course, 0.0, 1, start);
