@@ -10,7 +10,7 @@ use anyhow::{Context, Result, bail, ensure};
 use serde_yaml::{Mapping, Value};
 use sidehill_controller::config::ControllerConfig;
 use sidehill_controller::controller::Controller;
-use sidehill_plant::frames::PlanarPose;
+use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::sample::Sample;
 use sidehill_recording::Recording;
 use std::ops::Range;
@@ -169,7 +169,7 @@ fn tells(samples: &[Sample]) -> bool {
             (b.x_m - a.x_m).hypot(b.y_m - a.y_m)
         })
         .sum();
-    let turned = (last.value.yaw_rad - first.value.yaw_rad).abs() > 0.2;
+    let turned = wrap_angle(last.value.yaw_rad - first.value.yaw_rad).abs() > 0.2;
     poses.len() >= 3 && (way_m >= MOVED_MIN_M || turned)
 }
 
