@@ -32,6 +32,16 @@ const UNITS: [(&str, &str, f64); 6] = [
     ("_m", "meters", 1.0),
 ];
 
+/// Reasons of changes of state that are no stops of a vehicle that drives.
+const NO_STOPS: [&str; 6] = [
+    "armed",
+    "standing",
+    "enabled",
+    "ramp_ended",
+    "handshake",
+    "controller_stopped",
+];
+
 /// A form of the text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Form {
@@ -89,7 +99,10 @@ impl Default for Metrics {
             cycles: 0,
             unsent: 0,
             // With all causes from the start, as the first stop would not be an increase.
-            stops: Reason::causes().map(|cause| (cause, 0)).collect(),
+            stops: Reason::causes()
+                .filter(|cause| !NO_STOPS.contains(cause))
+                .map(|cause| (cause, 0))
+                .collect(),
         }
     }
 }

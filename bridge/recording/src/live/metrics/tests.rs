@@ -182,9 +182,13 @@ fn stops_while_driving_are_counted_by_cause() {
             "sidehill_stops_total{cause=\"operator\"} 1",
             "sidehill_stops_total{cause=\"feedback_timeout\"} 1",
             "sidehill_stops_total{cause=\"drive_fault\"} 0",
-            "sidehill_stops_total{cause=\"ramp_ended\"} 0",
         ],
     );
+    for cause in NO_STOPS {
+        assert!(Reason::causes().any(|known| known == cause), "{cause}");
+        let line = format!("sidehill_stops_total{{cause=\"{cause}\"}}");
+        assert!(!metrics.text(Form::OpenMetrics).contains(&line), "{line}");
+    }
 }
 
 #[test]
