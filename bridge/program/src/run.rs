@@ -208,6 +208,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         screen::listens_to(&all(&mut inputs, epoch.elapsed_s())),
     );
     let turns = Arc::clone(&signals.turns);
+    let of_the_loop = clock.clone();
     let setup = LoopSetup {
         cycle: config.cycle,
         safety: config.safety,
@@ -237,7 +238,8 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     while !control_loop.is_finished() {
         std::thread::sleep(Duration::from_millis(50));
         for note in notes.iter().flat_map(Ros2Inputs::take_notes) {
-            recorder.note(epoch.elapsed_s(), LogEntry::event(note.event, note.message));
+            let entry = LogEntry::event(note.event, note.message);
+            recorder.note(of_the_loop.now_s(), entry);
         }
         if let (Some(inputs), Some(recording)) = (&notes, &mut recording) {
             inputs
@@ -266,7 +268,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
                     true => LogEntry::event("inputs", "all inputs arrive".to_owned()),
                     false => LogEntry::warning("waits_for", said.clone()),
                 };
-                recorder.note(now_s, entry);
+                recorder.note(of_the_loop.now_s(), entry);
                 waits_for = said;
             }
             screen.record(&mut recorder, files.as_mut(), recording.as_mut());
