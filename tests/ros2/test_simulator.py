@@ -18,6 +18,10 @@ from programs import adapted, cross_track_m, straight, wait_for
 TF_ERROR = 102
 # Of simulated time, s.
 STEP_S = 0.01
+# Of poses, m.
+NOISE_M = 0.001
+# Time-outs run on the clock, too: as long as without it for a loaded machine that is to be three times as fast as time.
+LONGER = {"feedback_timeout_s: 0.3": "feedback_timeout_s: 0.9\n  command_timeout_s: 0.45"}
 
 
 class Simulator:
@@ -28,8 +32,10 @@ class Simulator:
         self.clock, self.odometry = peer.writer("/clock", wire.Clock), peer.writer("/odom", wire.Odometry)
         self.commands = peer.reader("/cmd_vel", wire.Twist)
         self.reset()
-        # Where wheels that turn forward dig in, m, and since when they have, s.
-        self.digs_at_m, self.digs_since_s = math.inf, None
+        # Where wheels that turn forward dig in, and since when they have, s.
+        self.digs, self.digs_since_s = lambda x, y: False, None
+        # The pose that is published whatever the vehicle does.
+        self.frozen = None
         self.thread = threading.Thread(target=self.run, daemon=True)
         self.thread.start()
 
@@ -48,7 +54,7 @@ class Simulator:
     def step(self):
         self.command = (self.commands.take() or [self.command])[-1]
         forward_m, turned = self.command.linear.x * STEP_S, self.command.angular.z * STEP_S
-        if forward_m > 0.0 and self.x > self.digs_at_m:
+        if forward_m > 0.0 and self.digs(self.x, self.y):
             forward_m = turned = 0.0
             self.digs_since_s = self.digs_since_s or self.time_s
         self.x += forward_m * math.cos(self.yaw + 0.5 * turned)
@@ -58,9 +64,11 @@ class Simulator:
         self.clock.write(wire.Clock(clock=stamp(self.time_s)))
         if round(self.time_s / STEP_S) % 2 == 0:
             self.places.append({"x_m": self.x, "y_m": self.y})
-            half = 0.5 * self.yaw
+            noise_m = NOISE_M * (len(self.places) % 3 - 1)
+            x, y, yaw = self.frozen or (self.x + noise_m, self.y - noise_m, self.yaw)
+            half = 0.5 * yaw
             place = wire.Pose(
-                position=wire.Point(x=self.x, y=self.y),
+                position=wire.Point(x=x, y=y),
                 orientation=wire.Quaternion(z=math.sin(half), w=math.cos(half)),
             )
             self.odometry.write(
@@ -136,9 +144,7 @@ def test_a_simulator_that_is_paused_goes_on_with_the_goal(simulated, tmp_path):
 
 
 def test_a_simulator_is_driven_three_times_as_fast_as_time(simulated):
-    # Time-outs run on the clock, too: as long as without it for a loaded machine.
-    longer = {"feedback_timeout_s: 0.3": "feedback_timeout_s: 0.9\n  command_timeout_s: 0.45"}
-    simulator, run, action = simulated(factor=3.0, changes=longer)
+    simulator, run, action = simulated(factor=3.0, changes=LONGER)
     bend = [(2.0 * math.sin(a), 2.0 - 2.0 * math.cos(a)) for a in (0.01 * i for i in range(629))]
     began, began_s = time.monotonic(), simulator.time_s
     answer = action.send(path_of(bend, "odom")).result(60)
@@ -166,10 +172,14 @@ def test_a_simulator_that_is_reset_ends_the_goal_and_drives_the_next(simulated):
     assert answer.status == FollowPath.SUCCEEDED, answer.result.error_msg + run.output()
 
 
+# A vehicle that is driven back goes in reverse.
+IN_REVERSE = {"use_orientations: false": "use_orientations: true"}
+
+
 def test_a_vehicle_that_digs_in_stops_and_is_driven_back(simulated, start, tmp_path):
-    simulator, run, _ = simulated(changes={"use_orientations: false": "use_orientations: true"})
+    simulator, run, _ = simulated(factor=3.0, changes={**LONGER, **IN_REVERSE})
     (tmp_path / "lane.csv").write_text("x_m,y_m\n0,0\n3,0\n6,0\n")
-    simulator.digs_at_m = 3.0
+    simulator.digs = lambda x, y: x > 3.0
     driver = start("drive-route", tmp_path / "run_ros2.yaml", "lane", "--retreat-m", "1")
     wait_for(lambda: simulator.digs_since_s, "wheels that dig", 30)
     wait_for(lambda: simulator.command.linear.x <= 0.0, "a stop")
@@ -184,7 +194,21 @@ def test_a_vehicle_that_digs_in_stops_and_is_driven_back(simulated, start, tmp_p
     time.sleep(1.0)
     assert simulator.x == place
     # The operator has seen to it.
-    simulator.digs_at_m = math.inf
+    simulator.digs = lambda x, y: False
     driver.signal(signal.SIGUSR1)
     assert driver.process.wait(30) == 0, driver.output() + run.output()
     assert abs(simulator.x - 6.0) < 0.25
+
+
+def test_a_vehicle_whose_poses_are_frozen_is_not_driven_back(simulated, start, tmp_path):
+    simulator, run, _ = simulated(changes=IN_REVERSE)
+    (tmp_path / "lane.csv").write_text("x_m,y_m\n0,0\n3,0\n6,0\n")
+    driver = start("drive-route", tmp_path / "run_ros2.yaml", "lane", "--retreat-m", "1")
+    wait_for(lambda: simulator.x > 1.0, "driving", 20)
+    simulator.frozen = (simulator.x, simulator.y, simulator.yaw)
+    wait_for(lambda: "paused" in driver.output(), "a stop", 10)
+    # It may have come farther than the poses say.
+    assert "the pose stays the same to the bit" in driver.output() and "drives back" not in driver.output()
+    place = simulator.x
+    time.sleep(1.0)
+    assert simulator.x == place

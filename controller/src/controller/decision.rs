@@ -68,6 +68,12 @@ pub enum StopReason {
         /// Newer poses that the gate refused.
         gated: u32,
     },
+    /// New poses stay the same to the bit while the treads turn: where the vehicle is is not known.
+    #[error("the pose stays the same to the bit for {time_s:.1} s while the treads turn")]
+    PoseFrozen {
+        /// For how long, s.
+        time_s: f64,
+    },
     /// Where the vehicle is across the path is too uncertain.
     #[error(
         "the position across the path is uncertain by {bound_m:.2} m, the newest pose is {age_s:.2} s old"

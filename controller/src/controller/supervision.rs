@@ -2,8 +2,8 @@
 
 use super::drives::Drives;
 use super::parts::Law;
-use super::watchdog::{DIG_S, Observation};
-use super::{Controller, Phase, Stall, Status, StopReason};
+use super::watchdog::Observation;
+use super::{Controller, Phase, Status, StopReason};
 use crate::config::AttitudePreview;
 use crate::estimator::Estimate;
 use crate::guard::GuardInputs;
@@ -284,7 +284,7 @@ impl Controller {
         }
     }
 
-    /// Stops treads that dig in: they turn, and poses stay where they are.
+    /// Stops treads that turn while poses stay where they are.
     pub(super) fn watch_treads(
         &mut self,
         estimate: Option<&Estimate>,
@@ -295,10 +295,9 @@ impl Controller {
             self.dig.reset();
             return;
         };
-        if self.dig.observe(sample, &estimate.treads, elapsed_s) {
+        if let Some(reason) = self.dig.observe(sample, &estimate.treads, elapsed_s) {
             self.dig.reset();
-            let (stall, time_s) = (Stall::Treads, DIG_S);
-            self.stop(StopReason::Stalled { stall, time_s });
+            self.stop(reason);
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Whether the vehicle moves as its commands and its reference should make it move.
 
-use super::decision::Stall;
+use super::decision::{Stall, StopReason};
 use crate::config::SupervisorConfig;
 use crate::estimator::EstimatorSettings;
 use crate::mpc::limits::InputLimits;
@@ -51,13 +51,16 @@ struct Sums {
 }
 
 /// Time for which turning treads may leave the vehicle where it is, s: they dig in.
-pub(super) const DIG_S: f64 = 1.4;
+const DIG_S: f64 = 1.4;
 /// Way of the treads from which on they dig, m.
 const DIG_WAY_M: f64 = 0.25;
 /// Share of the way of the treads by which the vehicle has to move.
 const DIG_SHARE: f64 = 0.1;
 /// Standard deviations of poses that are no motion.
 const DIG_SIGMAS: f64 = 4.0;
+/// Time for which a pose stays the same to the bit from which on its source is taken to be frozen, s: noise changes the
+/// poses of a vehicle that digs.
+const FROZEN_S: f64 = 0.3;
 /// Poses kept: those of the time at 100 Hz.
 const DIG_POSES: usize = 160;
 /// Cycles whose ways are kept: a pose is as late as 4 s at 100 Hz.
@@ -87,6 +90,8 @@ struct PoseThen {
 #[derive(Debug, Clone)]
 pub(super) struct DigWatch {
     places: VecDeque<PoseThen>,
+    /// The first of the newest poses that are the same to the bit.
+    same: Option<PoseThen>,
     /// Instants of the cycles, s, and how far the treads had turned then.
     ways: VecDeque<(f64, TreadWays)>,
     sigma_m: f64,
@@ -97,6 +102,7 @@ impl DigWatch {
     pub(super) fn new(estimator: &EstimatorSettings) -> Self {
         Self {
             places: VecDeque::with_capacity(DIG_POSES),
+            same: None,
             ways: VecDeque::with_capacity(DIG_WAYS),
             sigma_m: estimator.pose_sigma_m,
             sigma_rad: estimator.pose_sigma_rad,
@@ -106,15 +112,17 @@ impl DigWatch {
     /// Starts over.
     pub(super) fn reset(&mut self) {
         self.places.clear();
+        self.same = None;
     }
 
-    /// Takes the readings of a cycle; returns whether the treads have turned for [`DIG_S`] in vain.
+    /// Takes the readings of a cycle; returns why the vehicle stops where the treads have turned and poses stay: they dig,
+    /// or the source of the poses is frozen, and where the vehicle is is not known.
     pub(super) fn observe(
         &mut self,
         sample: &Sample,
         treads: &TreadSpeeds,
         elapsed_s: f64,
-    ) -> bool {
+    ) -> Option<StopReason> {
         let TreadWays([left_m, right_m]) = self
             .ways
             .back()
@@ -127,16 +135,12 @@ impl DigWatch {
             self.ways.pop_front();
         }
         self.ways.push_back((sample.time_s, now));
-        let Some(pose) = sample.pose else {
-            return false;
-        };
+        let pose = sample.pose?;
         // A pose comes late: the treads have turned on since.
         let later = self
             .ways
             .partition_point(|(time_s, _)| *time_s <= pose.time_s);
-        let Some((_, ways)) = later.checked_sub(1).and_then(|at| self.ways.get(at)) else {
-            return false;
-        };
+        let (_, ways) = later.checked_sub(1).and_then(|at| self.ways.get(at))?;
         let newest = PoseThen {
             time_s: pose.time_s,
             pose: pose.value.planar(),
@@ -147,18 +151,34 @@ impl DigWatch {
             self.places.pop_front();
         }
         self.places.push_back(newest);
-        let Some(oldest) = self.places.front().filter(|place| is_old(place)) else {
-            return false;
-        };
-        let way_m = newest.ways.since(&oldest.ways);
-        let moved_m = DIG_SHARE * way_m + DIG_SIGMAS * self.sigma_m;
         // At the end of its grip a vehicle turns slowly, one tread spinning.
         let turned_rad = DIG_SIGMAS * self.sigma_rad;
+        let keeps_heading = |place: &PoseThen| {
+            wrap_angle(place.pose.yaw_rad - newest.pose.yaw_rad).abs() < turned_rad
+        };
+        let place_bits = |place: &PoseThen| [place.pose.x_m, place.pose.y_m].map(f64::to_bits);
+        let is_same =
+            |first: &PoseThen| place_bits(first) == place_bits(&newest) && keeps_heading(first);
+        let same = self.same.filter(is_same).unwrap_or(newest);
+        self.same = Some(same);
+        let (same_s, same_m) = (newest.time_s - same.time_s, newest.ways.since(&same.ways));
+        let frozen = StopReason::PoseFrozen { time_s: same_s };
+        if same_s >= DIG_S && same_m >= DIG_WAY_M {
+            return Some(frozen);
+        }
+        let oldest = self.places.front().filter(|place| is_old(place))?;
+        let way_m = newest.ways.since(&oldest.ways);
+        let moved_m = DIG_SHARE * way_m + DIG_SIGMAS * self.sigma_m;
         let stays = |place: &PoseThen| {
             (place.pose.x_m - newest.pose.x_m).hypot(place.pose.y_m - newest.pose.y_m) < moved_m
-                && wrap_angle(place.pose.yaw_rad - newest.pose.yaw_rad).abs() < turned_rad
+                && keeps_heading(place)
         };
-        way_m >= DIG_WAY_M && self.places.iter().all(stays)
+        let in_vain = way_m >= DIG_WAY_M && self.places.iter().all(stays);
+        let dug = StopReason::Stalled {
+            stall: Stall::Treads,
+            time_s: DIG_S,
+        };
+        in_vain.then_some(if same_s >= FROZEN_S { frozen } else { dug })
     }
 }
 
@@ -319,15 +339,16 @@ mod tests {
         }
     }
 
-    /// Drives straight ahead for 4 s, from 1 s on at 1 m/s^2, by poses that are `late_s` old; returns whether its treads
-    /// are found to dig where they move the vehicle by a share of their way.
-    fn digs(late_s: f64, share: f64) -> bool {
+    /// Drives straight ahead for 4 s, from 1 s on at 1 m/s^2, by poses that are `late_s` old and as exact as `noise_m`;
+    /// returns why it is stopped where the treads move the vehicle by a share of their way.
+    fn stopped(late_s: f64, share: f64, noise_m: f64) -> Option<StopReason> {
         let mut watch = DigWatch::new(&EstimatorSettings::default());
         let driven_s = |time_s: f64| (time_s - 1.0).max(0.0);
-        (0..80).any(|cycle| {
+        (0..80).find_map(|cycle| {
             let time_s = 0.05 * f64::from(cycle);
             let stamp_s = time_s - late_s;
-            let y_m = 0.5 * share * driven_s(stamp_s).powi(2);
+            let noise_m = noise_m * f64::from(cycle % 3);
+            let y_m = 0.5 * share * driven_s(stamp_s).powi(2) + noise_m;
             let sample = reading(time_s, stamp_s, y_m);
             let treads = TreadSpeeds {
                 left_m_s: driven_s(time_s),
@@ -340,8 +361,46 @@ mod tests {
     #[test]
     fn late_poses_are_compared_with_the_treads_of_their_instant() {
         for late_s in [0.0, 0.6, 1.2] {
-            assert!(!digs(late_s, 1.0), "{late_s}");
-            assert!(digs(late_s, 0.0), "{late_s}");
+            assert_eq!(stopped(late_s, 1.0, 1e-3), None, "{late_s}");
+            let digs = stopped(late_s, 0.0, 1e-3);
+            let treads = |reason: &StopReason| matches!(reason, StopReason::Stalled { stall, .. } if *stall == Stall::Treads);
+            assert!(digs.is_some_and(|reason| treads(&reason)), "{digs:?}");
+        }
+    }
+
+    #[test]
+    fn poses_that_stay_the_same_to_the_bit_are_frozen_and_no_sign_of_digging() {
+        for late_s in [0.0, 0.6, 1.2] {
+            let reason = stopped(late_s, 0.0, 0.0);
+            let frozen = matches!(reason, Some(StopReason::PoseFrozen { .. }));
+            assert!(frozen, "{late_s}: {reason:?}");
+        }
+    }
+
+    #[test]
+    fn poses_that_freeze_on_the_way_are_frozen_at_any_speed() {
+        for speed_m_s in [0.05, 0.2, 0.5, 1.0, 2.0] {
+            let mut watch = DigWatch::new(&EstimatorSettings::default());
+            // They freeze after 3 s.
+            let reason = (0..240).find_map(|cycle| {
+                let time_s = 0.05 * f64::from(cycle);
+                let noise_m = 1e-3 * f64::from(cycle.min(60) % 3);
+                let sample = reading(time_s, time_s, speed_m_s * time_s.min(3.0) + noise_m);
+                let treads = TreadSpeeds {
+                    left_m_s: speed_m_s,
+                    right_m_s: speed_m_s,
+                };
+                let reason = watch.observe(&sample, &treads, 0.05)?;
+                Some((time_s, reason))
+            });
+            let Some((after_s, StopReason::PoseFrozen { .. })) = reason else {
+                panic!("{speed_m_s} m/s: {reason:?}");
+            };
+            let way_s = 0.25 / speed_m_s;
+            assert!(
+                after_s - 3.0 < way_s.max(1.4) + 0.2,
+                "{speed_m_s}: {after_s}"
+            );
         }
     }
 
@@ -349,7 +408,7 @@ mod tests {
     fn a_vehicle_that_has_come_back_between_two_poses_does_not_dig() {
         let mut watch = DigWatch::new(&EstimatorSettings::default());
         // Ahead for 2 s, and back from there; there are poses at the beginning and after 4 s.
-        let digs = (0..=80).any(|cycle| {
+        let stopped = (0..=80).find_map(|cycle| {
             let time_s = 0.05 * f64::from(cycle);
             let speed_m_s = if time_s < 2.0 { 0.2 } else { -0.2 };
             let mut sample = reading(time_s, time_s, 0.0);
@@ -360,7 +419,7 @@ mod tests {
             };
             watch.observe(&sample, &treads, 0.05)
         });
-        assert!(!digs);
+        assert_eq!(stopped, None);
     }
 
     /// Returns what stalls of a vehicle with both motors at their limits that creeps along a bend, turning at a rate.

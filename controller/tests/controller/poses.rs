@@ -128,20 +128,36 @@ fn treads_that_slip_by_a_third_do_not_end_the_drive() {
     }
 }
 
+/// Returns why a vehicle is stopped within 2 s whose pose stays where it is while its treads turn, but for noise.
+fn stopped_where_it_stands(kind: ControllerKind, noise_m: f64) -> StopReason {
+    let mut rig = driving(kind);
+    let mut held = None;
+    let stopped = stop_within(&mut rig, 2 * CYCLES_PER_S, |cycle, sample| {
+        if let Some(pose) = &mut sample.pose {
+            pose.value = *held.get_or_insert(pose.value);
+        }
+        shift(sample, noise_m * f64::from(cycle % 3));
+    });
+    stopped.unwrap().1
+}
+
 #[test]
 fn treads_that_turn_while_the_pose_stands_are_stopped_within_two_seconds() {
     for kind in ControllerKind::ALL {
-        let mut rig = driving(kind);
-        let mut held = None;
-        let stopped = stop_within(&mut rig, 2 * CYCLES_PER_S, |_, sample| {
-            if let Some(pose) = &mut sample.pose {
-                pose.value = *held.get_or_insert(pose.value);
-            }
-        });
-        let Some((_, StopReason::Stalled { stall, .. })) = stopped else {
-            panic!("{kind:?} {stopped:?}");
+        let reason = stopped_where_it_stands(kind, 1e-3);
+        let StopReason::Stalled { stall, .. } = reason else {
+            panic!("{kind:?} {reason:?}");
         };
         assert_eq!(stall, Stall::Treads);
+    }
+}
+
+#[test]
+fn a_pose_that_is_frozen_to_the_bit_is_not_taken_for_digging() {
+    for kind in ControllerKind::ALL {
+        let reason = stopped_where_it_stands(kind, 0.0);
+        let frozen = matches!(reason, StopReason::PoseFrozen { .. });
+        assert!(frozen, "{kind:?} {reason:?}");
     }
 }
 

@@ -79,6 +79,7 @@ pub(crate) fn ended_by_safety(context: &GoalContext<'_>) -> Outcome {
 fn controller_stopped(why: &StopReason) -> Outcome {
     let code = match why {
         StopReason::PoseStale { .. }
+        | StopReason::PoseFrozen { .. }
         | StopReason::PoseUncertain { .. }
         | StopReason::ClockJump { .. } => code::TF_ERROR,
         StopReason::Stalled { .. } => code::FAILED_TO_MAKE_PROGRESS,
