@@ -15,7 +15,7 @@ use sidehill_bridge::ros2::message::{
     DiagnosticArray, Header, JointState, Path, PoseStamped, TfMessage, Time, TransformStamped,
 };
 use sidehill_bridge::safety::SafetyState;
-use sidehill_controller::controller::{Decision, DriveResponse, Status};
+use sidehill_controller::controller::{Decision, DriveResponse, Stall, Status, StopReason};
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::simulation::TrueState;
 use sidehill_plant::speeds::TreadSpeeds;
@@ -41,6 +41,8 @@ pub struct DriveMessages {
     plan_s: f64,
     scene_s: f64,
     newest: Option<(Decision, DriveResponse)>,
+    /// Number of places where the vehicle has dug in.
+    dug_in: i32,
     state: Option<(SafetyState, LinkState)>,
 }
 
@@ -54,6 +56,7 @@ impl DriveMessages {
             plan_s: f64::NEG_INFINITY,
             scene_s: f64::NEG_INFINITY,
             newest: None,
+            dug_in: 0,
             state: None,
         }
     }
@@ -127,8 +130,33 @@ impl DriveMessages {
                 Status::Waiting | Status::Tracking | Status::Finished => LogLine::INFO,
             };
             self.event(time_s, level, "controller", &text, sink);
+            self.mark(decision, sink);
         }
         self.newest = Some((*decision, step.drives));
+    }
+
+    /// Marks the place of a vehicle that has been stopped because its treads dig in.
+    fn mark(&mut self, decision: &Decision, sink: &mut impl MessageSink) {
+        let (
+            Status::Stopping(StopReason::Stalled {
+                stall: Stall::Treads,
+                ..
+            }),
+            Some(estimate),
+        ) = (decision.status, &decision.estimate)
+        else {
+            return;
+        };
+        let (time_s, pose) = (decision.time_s, self.lifted(&estimate.pose));
+        // Without the sign of a zero.
+        let [x_m, y_m] =
+            [pose.x_m, pose.y_m].map(|value_m| (100.0 * value_m).round() / 100.0 + 0.0);
+        let text = format!("x {x_m:.2} m, y {y_m:.2} m");
+        self.event(time_s, LogLine::WARN, "dug_in", &text, sink);
+        let markers = vec![scene::dug_in(self.dug_in, &pose)];
+        self.dug_in += 1;
+        let markers = self.scene.stamped(markers, &self.header(time_s, WORLD));
+        self.put(Topic::Scene, time_s, &markers, sink);
     }
 
     /// Adds the motion of the vehicle, and what `more` draws, to the scene when an update is due.

@@ -244,6 +244,15 @@ pub(super) fn obstacles(obstacles: &Obstacles, z: f64) -> Marker {
     }
 }
 
+/// Returns the mark of a place where the vehicle has dug in, by its number.
+pub(super) fn dug_in(number: i32, pose: &Pose3) -> Marker {
+    Marker {
+        pose: at(pose.x_m, pose.y_m, pose.z_m),
+        scale: vector(0.5, 0.5, 0.05),
+        ..marker("dug_in", number, CYLINDER, [0.8, 0.1, 0.2, 0.9])
+    }
+}
+
 /// Returns the ground in a rectangle from (x, y) to (x, y), m, as triangles; places without ground are
 /// left out.
 pub fn ground(terrain: &Terrain, from_m: [f64; 2], to_m: [f64; 2]) -> Marker {

@@ -117,6 +117,8 @@ pub(super) struct Page {
     events: History,
     obstacles: History,
     next_obstacles_ns: u64,
+    /// Places where the vehicle has dug in, x, y, m.
+    dug_in: Vec<f64>,
     /// What was known of obstacles last.
     newest_obstacles: String,
     /// Newest of what replaces what was before, with its version.
@@ -192,6 +194,7 @@ impl Page {
             events: History::new(kept.events),
             obstacles: History::new(kept.obstacles),
             next_obstacles_ns: 0,
+            dug_in: Vec::new(),
             newest_obstacles: String::new(),
             parts: BTreeMap::new(),
             version: 0,
@@ -235,6 +238,9 @@ impl Page {
                     if let Some(obstacles) = obstacles(&scene) {
                         // It tells nothing of the vehicle's motion.
                         return self.obstacles(time_ns, obstacles);
+                    }
+                    if self.dug_in(&scene) {
+                        return;
                     }
                     if let Some(vehicle) = vehicle(&scene) {
                         self.set("vehicle", vehicle.to_string());
@@ -381,6 +387,17 @@ impl Page {
         self.newest_obstacles = obstacles;
     }
 
+    /// Keeps the places where the vehicle has dug in; returns whether the scene tells of one.
+    fn dug_in(&mut self, scene: &MarkerArray) -> bool {
+        let Some(marker) = scene.markers.iter().find(|marker| marker.ns == "dug_in") else {
+            return false;
+        };
+        let at = &marker.pose.position;
+        self.dug_in.extend([at.x, at.y]);
+        self.set("dug_in", list(&self.dug_in));
+        true
+    }
+
     fn event(&mut self, time_ns: u64, bytes: &[u8]) {
         let Ok(line) = from_cdr::<LogLine>(bytes) else {
             return;
@@ -499,7 +516,7 @@ const STEP_SHOWN_M: f64 = 5.0;
 /// Returns a path as x, y, x, y ..., without points that its neighbours tell.
 fn points(path: &Path) -> String {
     let poses: Vec<_> = path.poses.iter().map(|stamped| &stamped.pose).collect();
-    let mut text = String::from("[");
+    let mut places = Vec::new();
     let mut shown: Option<&message::Pose> = None;
     for (i, pose) in poses.iter().enumerate() {
         let at = &pose.position;
@@ -510,14 +527,21 @@ fn points(path: &Path) -> String {
             turn.abs() > TURN_SHOWN_RAD || step_m > STEP_SHOWN_M
         });
         if due || i + 1 == poses.len() {
-            for value in [at.x, at.y] {
-                if text.len() > 1 {
-                    text.push(',');
-                }
-                number(&mut text, value, 2);
-            }
+            places.extend([at.x, at.y]);
             shown = Some(pose);
         }
+    }
+    list(&places)
+}
+
+/// Returns places as a JSON array, m, rounded to 1 cm.
+fn list(places_m: &[f64]) -> String {
+    let mut text = String::from("[");
+    for (i, value) in places_m.iter().enumerate() {
+        if i > 0 {
+            text.push(',');
+        }
+        number(&mut text, *value, 2);
     }
     text.push(']');
     text

@@ -324,6 +324,27 @@ fn obstacles_come_where_they_have_changed_and_at_a_stop() {
 }
 
 #[test]
+fn places_where_the_vehicle_has_dug_in_stay_on_the_page() {
+    let mut page = Page::new();
+    drive(&mut page, fifths(0, 1));
+    for number in 0..2_u8 {
+        let pose = sidehill_plant::frames::Pose {
+            x_m: 3.0,
+            y_m: -1.25 * f64::from(number),
+            ..Default::default()
+        };
+        let scene = MarkerArray {
+            markers: vec![crate::scene::dug_in(i32::from(number), &pose)],
+        };
+        put(&mut page, Topic::Scene, SECOND_NS, &scene);
+    }
+    let mut reader = Reader::new(None);
+    let first = read(&mut reader, &page).unwrap();
+    assert_eq!(first["parts"]["dug_in"], json!([3, 0, 3, -1.25]));
+    assert!(!page.newest.contains_key(&Topic::Scene));
+}
+
+#[test]
 fn downhill_is_where_the_vehicle_leans() {
     // Rolled about its forward axis, which is x, so that the right side, towards -y, is down.
     let rolled = turned(0.0, 0.0, [1.0, 0.0, 0.0], 0.3);

@@ -489,6 +489,23 @@ function drawObstacles(pen, X, Y) {
   pen.lineCap = 'round';
 }
 
+/** Draws the places where the vehicle has dug in. */
+function drawDugIn(pen, X, Y) {
+  const places = parts.dug_in || [];
+  showKey('dug_in', places.length && 'dug in');
+  pen.strokeStyle = colours['--obstacle'];
+  pen.lineWidth = 3;
+  pen.beginPath();
+  for (let i = 0; i < places.length; i += 2) {
+    const x = X(places[i]), y = Y(places[i + 1]);
+    for (const way of [-1, 1]) {
+      pen.moveTo(x - 8, y - 8 * way);
+      pen.lineTo(x + 8, y + 8 * way);
+    }
+  }
+  pen.stroke();
+}
+
 /** Returns the runs that are not hidden. */
 const inSight = () => runs.filter(run => !run.hidden);
 
@@ -574,6 +591,7 @@ function drawMap() {
     if (is(get(frame, 'x'))) drawVehicle(pen, frame, X, Y, s, run);
   }
   drawAbove(pen, X, Y);
+  drawDugIn(pen, X, Y);
 
   // Scale.
   pen.strokeStyle = pen.fillStyle = colours['--ink'];
