@@ -50,6 +50,25 @@ def test_a_goal_is_driven_with_feedback_to_success(driven):
     assert commands[-1] == Twist()
 
 
+def test_a_goal_is_driven_three_times_as_fast_as_time(driven, ros):
+    ros.node.set_parameters([Parameter("use_sim_time", value=True)])
+    # Time-outs run on the clock, too: as long as without it for a loaded machine.
+    longer = {"feedback_timeout_s: 0.3": "feedback_timeout_s: 0.9\n  command_timeout_s: 0.45"}
+    d = driven({"use_sim_time: false": "use_sim_time: true", **longer}, {r"^  # clock_factor: 4$": "  clock_factor: 3"})
+    now_s = lambda: 1e-9 * ros.node.get_clock().now().nanoseconds
+    points = ahead(8.0)
+    goal = d.sent_off(points)
+    began, began_s = time.monotonic(), now_s()
+    status, result = d.ended(goal, timeout_s=60)
+    took_s, took = now_s() - began_s, time.monotonic() - began
+    assert (status, result.error_code, result.error_msg) == (GoalStatus.STATUS_SUCCEEDED, 0, "")
+    median_m = sorted(cross_track_m(d.vehicle.truth(), points))[len(d.vehicle.rows) // 2]
+    print(f"{took_s:.1f} s of /clock in {took:.1f} s, cross-track {100 * median_m:.2f} cm, the median")
+    # A loaded machine may be slower than that.
+    assert took_s > 1.5 * took
+    assert median_m < 0.02
+
+
 def test_cancel_and_a_newer_goal_end_a_goal_as_its_client_expects(driven):
     d = driven()
     first = d.sent_off(ahead())
