@@ -4,6 +4,7 @@ use crate::console::Level;
 use crate::recording::LiveArgs;
 use crate::simulate::Format;
 use anyhow::{Error, anyhow};
+use sidehill_controller::path::Point2;
 use std::io::ErrorKind;
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
@@ -129,6 +130,34 @@ pub struct DriveRouteArgs {
     /// along the lane, once, and without being asked, so the way behind must be clear. Without it, it stands where it is.
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     pub retreat_m: Option<f64>,
+    /// Distance at which the vehicle, driven back, goes on past the place where it made no progress, m: to the left of
+    /// travel, negative to the right, 0.3 to 5. At each place once; the next time there the drive ends. Later lanes lead
+    /// round it, too.
+    #[arg(
+        long,
+        value_name = "M",
+        allow_negative_numbers = true,
+        requires = "retreat_m"
+    )]
+    pub go_round_m: Option<f64>,
+    /// Place to go round from the start, m, as a drive that ends early says it; may be given several times.
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true, value_parser = place, requires = "go_round_m")]
+    pub stuck_at: Vec<Point2>,
+}
+
+/// Reads a place, as `3.1,-2`, m.
+fn place(text: &str) -> Result<Point2, String> {
+    let number = |text: &str| {
+        text.trim()
+            .parse()
+            .ok()
+            .filter(|value: &f64| value.is_finite())
+    };
+    let place = text
+        .split_once(',')
+        .and_then(|(x, y)| number(x).zip(number(y)));
+    let (x_m, y_m) = place.ok_or("two numbers are expected, as 3.1,-2")?;
+    Ok(Point2 { x_m, y_m })
 }
 
 /// Arguments of `sidehill can`.

@@ -1,6 +1,7 @@
 """`use_sim_time` beside a simulator that is paused, reset, or faster than time, and a vehicle that digs in."""
 
 import itertools
+import json
 import math
 import re
 import signal
@@ -93,11 +94,11 @@ def simulated(peer, start, tmp_path):
     """Starts a simulator and the controller on its clock; returns both with a client of the action."""
     simulators = []
 
-    def simulated(factor=1.0, changes={}, **environment):
+    def simulated(*arguments, factor=1.0, changes={}, **environment):
         simulators.append(Simulator(peer, factor))
         changes = {"attitude: imu": "attitude: odometry", "use_sim_time: false": "use_sim_time: true", **changes}
         file = adapted("run_ros2.yaml", changes, tmp_path)
-        run = start("run", file, "--out", tmp_path / "run", **environment)
+        run = start("run", file, "--out", tmp_path / "run", *arguments, **environment)
         return simulators[0], run, FollowPath(peer).wait()
 
     yield simulated
@@ -198,6 +199,48 @@ def test_a_vehicle_that_digs_in_stops_and_is_driven_back(simulated, start, tmp_p
     driver.signal(signal.SIGUSR1)
     assert driver.process.wait(30) == 0, driver.output() + run.output()
     assert abs(simulator.x - 6.0) < 0.25
+
+
+def test_a_vehicle_goes_round_a_place_where_it_has_dug_in_once(simulated, start, tmp_path):
+    recording, report = tmp_path / "drive.mcap", tmp_path / "report.html"
+    recorded = ["--record", recording, "--report", report]
+    faster = {"speed: {speed_m_s: 0.5": "speed: {speed_m_s: 1.0"}
+    simulator, run, _ = simulated(*recorded, factor=3.0, changes={**LONGER, **IN_REVERSE, **faster})
+    (tmp_path / "lane.csv").write_text("x_m,y_m\n0,0\n3,0\n10,0\n")
+    dug = []
+
+    def digs(x, y):
+        soft = abs(x - 5.0) < 0.3 and abs(y) < half_width_m
+        dug.extend([(x, y)] if soft else [])
+        return soft
+
+    half_width_m, simulator.digs = 0.3, digs
+    lane = ["drive-route", tmp_path / "run_ros2.yaml", "lane", "--passes", "2", "--retreat-m", "4"]
+    near = start(*lane, "--go-round-m", "3")
+    assert near.process.wait(10) == 2 and re.search(r"--retreat-m \d\.\d would do", near.output()), near.output()
+    driver = start(*lane, "--go-round-m", "0.8")
+    wait_for(lambda: "goes round" in driver.output(), "the retreat", 30)
+    first = len(dug)
+    wait_for(lambda: "pass 2 of 2" in driver.output(), "the end of the lane", 30)
+    # To the left of travel, and the next time round it from the start.
+    aside = [at["y_m"] for at in simulator.places if abs(at["x_m"] - 5.0) < 0.3]
+    assert max(aside) > 0.7 and len(dug) == first, driver.output() + run.output()
+    # It digs in there all the same: the drive ends.
+    half_width_m = 2.0
+    assert driver.process.wait(30) == 1, driver.output() + run.output()
+    [told] = re.findall(r"ended at .*", driver.output())
+    assert "it was stuck there before; with --from-m" in told
+    x, y = map(float, re.search(r" --stuck-at (\S+),(\S+) it goes on", told).groups())
+    assert abs(x - 4.7) < 0.2 and abs(y) < 0.1
+    assert driver.output().count("drives back") == 1
+    # The report marks both.
+    run.signal(signal.SIGINT)
+    assert run.process.wait(20) == 0, run.output()
+    drive = json.loads(re.search(r'<script id="drive"[^>]*>(.*?)</script>', report.read_text(), re.DOTALL)[1])
+    first_x, first_y, last_x, last_y = drive["parts"]["dug_in"]
+    assert abs(first_x - 4.7) < 0.2 and abs(first_y) < 0.1
+    assert abs(last_x - 5.3) < 0.2 and abs(last_y) < 1.0
+    assert [text for _, _, name, text in drive["events"] if name == "dug_in"][0] == f"x {first_x:.2f} m, y {first_y:.2f} m"
 
 
 def test_a_vehicle_whose_poses_are_frozen_is_not_driven_back(simulated, start, tmp_path):

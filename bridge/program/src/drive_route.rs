@@ -2,12 +2,16 @@
 //!
 //! A goal that ends before its end is a pause: what was left of it is sent again once the operator says so.
 
+mod dug_places;
 mod legs;
+mod operator;
 
 use crate::interrupts::Interrupts;
 use crate::ros2::environment;
 use anyhow::{Context, Result, bail, ensure};
+use dug_places::DugPlaces;
 use legs::{RouteLeg, apart_m, legs};
+use operator::Operator;
 use sidehill::config::{ConfigFile, RunConfig};
 use sidehill::console;
 use sidehill::drive::DriveRouteArgs;
@@ -18,18 +22,13 @@ use sidehill_bridge::ros2::convert::world_from_base_link;
 use sidehill_bridge::ros2::message::{self, Header, PoseStamped};
 use sidehill_bridge::ros2::position::{AnyPosition, PositionTopic};
 use sidehill_bridge::ros2::settings::server::Definition;
-use sidehill_controller::path::{Direction, PendingActions, RouteAction};
+use sidehill_controller::path::{Direction, PendingActions, Point2, RouteAction};
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::frames::{Attitude, Pose};
 use sidehill_ros2::client::{FollowPathClient, GoalEvent, GoalFailure};
 use sidehill_ros2::positions::PositionNode;
 use sidehill_ros2::server::requested_path::RequestedPath;
-use signal_hook::consts::{SIGUSR1, SIGUSR2};
-use signal_hook::flag::register;
-use std::io::BufRead;
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// Interval at which messages are polled.
@@ -83,6 +82,12 @@ pub fn run(args: &DriveRouteArgs, ros: &[String]) -> Result<ExitCode> {
             "--retreat-m: a goal of ros2.follow_path.definition: humble does not say that the vehicle makes no progress"
         );
     }
+    let limits = config.speed.limits(&config.settings.limits, &vehicle);
+    let dug = DugPlaces::new(
+        (args.go_round_m, &args.stuck_at),
+        (&vehicle, ros2.smoothing.planned(limits.track_width_m)),
+        (args.retreat_m, RETREAT),
+    )?;
     let mut legs = legs(args, (curve, &loaded.actions), goal_xy_m)?;
     let all_m = legs.last().map_or(0.0, |leg| leg.ends_m);
     let from_m = match args.from_m {
@@ -110,6 +115,7 @@ pub fn run(args: &DriveRouteArgs, ros: &[String]) -> Result<ExitCode> {
         frame: ros2.frames.odometry,
         goal_xy_m,
         retreat_m: args.retreat_m,
+        dug,
     };
     driver.find_server(&action.action)?;
     for leg in way.iter().chain(&legs) {
@@ -152,55 +158,13 @@ fn place_of_vehicle(
     }
 }
 
-/// What the operator wants: by signals, or by Enter.
-struct Operator {
-    interrupts: Interrupts,
-    go_on: Arc<AtomicBool>,
-    pause: Arc<AtomicBool>,
-    toggle: Arc<AtomicBool>,
-}
-
-impl Operator {
-    fn watch() -> Result<Self> {
-        let interrupts = Interrupts::watch()?;
-        let (go_on, pause, toggle) =
-            <(Arc<AtomicBool>, Arc<AtomicBool>, Arc<AtomicBool>)>::default();
-        register(SIGUSR1, Arc::clone(&go_on))?;
-        register(SIGUSR2, Arc::clone(&pause))?;
-        let pressed = Arc::clone(&toggle);
-        // Ends with the program.
-        std::thread::spawn(move || {
-            for _ in std::io::stdin().lock().lines().map_while(Result::ok) {
-                pressed.store(true, Ordering::Relaxed);
-            }
-        });
-        Ok(Self {
-            interrupts,
-            go_on,
-            pause,
-            toggle,
-        })
-    }
-
-    fn pauses(&self) -> bool {
-        self.go_on.store(false, Ordering::Relaxed);
-        let signalled = self.pause.swap(false, Ordering::Relaxed);
-        self.toggle.swap(false, Ordering::Relaxed) || signalled
-    }
-
-    fn goes_on(&self) -> bool {
-        self.pause.store(false, Ordering::Relaxed);
-        let signalled = self.go_on.swap(false, Ordering::Relaxed);
-        self.toggle.swap(false, Ordering::Relaxed) || signalled
-    }
-}
-
 struct Driver {
     client: FollowPathClient,
     operator: Operator,
     frame: String,
     goal_xy_m: f64,
     retreat_m: Option<f64>,
+    dug: DugPlaces,
 }
 
 impl Driver {
@@ -220,13 +184,17 @@ impl Driver {
     /// Drives a leg from a place along all that is driven on, m, with its pauses; returns whether it was driven to its
     /// end.
     fn drive(&mut self, leg: &RouteLeg, from_m: f64) -> Result<bool> {
-        let (name, length_m) = (&leg.name, leg.length_m());
         let begun_m = (from_m.min(leg.ends_m) - leg.begins_m).max(0.0);
-        let mut left_m = length_m - begun_m;
+        let mut leg = match self.dug.lead(leg, begun_m) {
+            Ok(leg) => leg,
+            Err(reason) => return Ok(self.end(leg, leg.length_m() - begun_m, &reason)),
+        };
+        let mut left_m = leg.length_m() - begun_m;
         let ahead = leg.actions.iter().filter(|action| action.at_m >= begun_m);
         let mut actions = PendingActions::new(ahead.cloned().collect());
-        console::line(format_args!("{name}: {left_m:.1} m"));
+        console::line(format_args!("{}: {left_m:.1} m", leg.name));
         loop {
+            let length_m = leg.length_m();
             let message = message_of(&self.frame, &leg.path, leg.rest(left_m));
             self.client.send(message);
             let mut joins = true;
@@ -246,61 +214,94 @@ impl Driver {
                 return Ok(true);
             };
             if stuck && let Some(retreat_m) = self.retreat_m {
-                left_m =
-                    newest_left_m + self.retreat(leg, newest_left_m, retreat_m, &mut reason)?;
+                let is_new = self.dug.mark(leg.point(newest_left_m));
+                if self.dug.are_passed() && !is_new {
+                    let reason = format!("{reason}; it was stuck there before");
+                    return Ok(self.end(&leg, newest_left_m, &reason));
+                }
+                let come_m = length_m - left_m;
+                let (back_m, is_whole) =
+                    self.retreat(&leg, newest_left_m, retreat_m, &mut reason)?;
+                left_m = newest_left_m + back_m;
+                if is_whole && self.dug.are_passed() {
+                    leg.actions.retain(|action| action.at_m > come_m);
+                    match self.dug.lead(&leg, length_m - left_m) {
+                        Ok(round) => {
+                            console::complain(format_args!(
+                                "{}: {reason}; the vehicle goes round the place",
+                                leg.name
+                            ));
+                            left_m += round.length_m() - length_m;
+                            actions = PendingActions::new(round.actions.clone());
+                            leg = round;
+                            continue;
+                        }
+                        Err(no_way) => reason += &format!("; {no_way}"),
+                    }
+                }
             }
-            let place = format!(
-                "at {:.1} m, {left_m:.1} m before the end of {name}",
-                leg.place_m(left_m)
-            );
             let ended = || self.operator.interrupts.ended();
             if !ended() {
                 console::complain(format_args!(
-                    "paused {place}: {reason}; Enter or SIGUSR1 goes on, Ctrl-C ends"
+                    "paused {}: {reason}; Enter or SIGUSR1 goes on, Ctrl-C ends",
+                    leg.name_place(left_m)
                 ));
             }
             while !ended() && !self.operator.goes_on() {
                 std::thread::sleep(PERIOD);
             }
             if ended() {
-                console::complain(format_args!(
-                    "ended {place}; with --from-m {:.1} it goes on there",
-                    leg.place_m(left_m)
-                ));
-                return Ok(false);
+                return Ok(self.end(&leg, left_m, ""));
             }
-            console::line(format_args!("{name}: goes on, {left_m:.1} m are left"));
+            console::line(format_args!(
+                "{}: goes on, {left_m:.1} m are left",
+                leg.name
+            ));
         }
     }
 
-    /// Drives back along a leg in reverse, from where so much of it is left; returns how far, m, and adds it to the reason
-    /// of the pause.
+    /// Says where a drive has ended early and how it goes on there; returns that it was not driven to its end.
+    fn end(&self, leg: &RouteLeg, left_m: f64, reason: &str) -> bool {
+        let separator = if reason.is_empty() { "" } else { ": " };
+        console::complain(format_args!(
+            "ended {}{separator}{reason}; with --from-m {:.1}{} it goes on there",
+            leg.name_place(left_m),
+            leg.place_m(left_m),
+            self.dug.options()
+        ));
+        false
+    }
+
+    /// Drives back along a leg in reverse, from where so much of it is left; returns how far, m, and whether it was all of
+    /// it, and adds it to the reason of the pause.
     fn retreat(
         &mut self,
         leg: &RouteLeg,
         left_m: f64,
         retreat_m: f64,
         reason: &mut String,
-    ) -> Result<f64> {
-        let at = leg.path.poses[leg.pose_before_end(left_m)];
+    ) -> Result<(f64, bool)> {
+        let Point2 { x_m, y_m } = leg.point(left_m);
         let to_m = leg.begins_m + (leg.length_m() - left_m - retreat_m).max(0.0);
-        let Some(way) = leg.way_to(to_m, (at.x_m, at.y_m), (self.goal_xy_m, true))? else {
-            return Ok(0.0);
+        let Some(way) = leg.way_to(to_m, (x_m, y_m), (self.goal_xy_m, true))? else {
+            return Ok((0.0, false));
         };
         console::complain(format_args!(
-            "{} at {:.1} m: {reason}; the vehicle drives back",
+            "{} at {:.1} m, x {x_m:.2} m, y {y_m:.2} m: {reason}; the vehicle drives back",
             leg.name,
             leg.place_m(left_m)
         ));
         self.client.send(message_of(&self.frame, &way.path, 0));
         let mut back_left_m = way.length_m();
-        match self.follow(|_, now_left_m| back_left_m = now_left_m) {
+        let failed = self.follow(|_, now_left_m| back_left_m = now_left_m);
+        let is_whole = failed.is_none();
+        match failed {
             None => back_left_m = 0.0,
             Some(failure) => *reason += &format!("; then {}", failure.reason),
         }
         let back_m = way.length_m() - back_left_m;
         *reason += &format!("; driven back {back_m:.1} m");
-        Ok(back_m)
+        Ok((back_m, is_whole))
     }
 
     /// Follows a goal to its end, and passes on what is left of it, m; returns why it ended early.
@@ -395,6 +396,8 @@ mod tests {
             passes,
             from_m: None,
             retreat_m: None,
+            go_round_m: None,
+            stuck_at: Vec::new(),
         }
     }
 

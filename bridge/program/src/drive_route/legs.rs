@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use sidehill::drive::DriveRouteArgs;
-use sidehill_controller::path::{Aside, Path, RouteAction};
+use sidehill_controller::path::{Aside, Path, Point2, RouteAction};
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::frames::PlanarPose;
 use sidehill_ros2::server::requested_path::RequestedPath;
@@ -18,6 +18,7 @@ const BESIDE_M: f64 = 1.0;
 const LANES_MAX: f64 = 1000.0;
 
 /// A stretch that is driven as a goal.
+#[derive(Clone)]
 pub(super) struct RouteLeg {
     pub(super) name: String,
     pub(super) path: RequestedPath,
@@ -54,6 +55,21 @@ impl RouteLeg {
     pub(super) fn place_m(&self, left_m: f64) -> f64 {
         let place_m = (self.ends_m - left_m).clamp(self.begins_m, self.ends_m);
         (10.0 * (place_m + 1e-3)).floor() / 10.0
+    }
+
+    /// Returns that place and the leg in words.
+    pub(super) fn name_place(&self, left_m: f64) -> String {
+        let (place_m, name) = (self.place_m(left_m), &self.name);
+        format!("at {place_m:.1} m, {left_m:.1} m before the end of {name}")
+    }
+
+    /// Returns where so much of the leg is left.
+    pub(super) fn point(&self, left_m: f64) -> Point2 {
+        let pose = &self.path.poses[self.pose_before_end(left_m)];
+        Point2 {
+            x_m: pose.x_m,
+            y_m: pose.y_m,
+        }
     }
 
     /// Returns the way along the leg to a place on it, m along all that is driven, for a vehicle that stands beside it;
@@ -126,7 +142,7 @@ impl RouteLeg {
     }
 
     /// Returns the index of the pose at which so much is left.
-    pub(super) fn pose_before_end(&self, left_m: f64) -> usize {
+    fn pose_before_end(&self, left_m: f64) -> usize {
         let poses = &self.path.poses;
         let mut behind_m = 0.0;
         let mut from = poses.len() - 1;

@@ -29,6 +29,7 @@ mod telemetry;
 mod termination;
 #[cfg(test)]
 pub(crate) mod test_data;
+pub mod way_round;
 
 pub use configured_route::ConfiguredRoute;
 pub use start::{Ros2, Ros2Inputs, Ros2Server, ServerSetup, StartError, start};

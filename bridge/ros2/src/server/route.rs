@@ -76,22 +76,8 @@ impl ProfiledRoute {
         settings: &RouteSettings,
     ) -> Result<Self, Outcome> {
         let first = path.first_passage(pose);
-        let poses = &path.poses[first.min(path.poses.len().saturating_sub(2))..];
-        let count = poses.len();
-        let (poses, indices): (Vec<PlanarPose>, Vec<usize>) = places(poses).into_iter().unzip();
-        let skipped = path.poses.len() - count;
-        let points: Vec<RawPoint> = (0..poses.len())
-            .map(|index| RawPoint {
-                position: Point2 {
-                    x_m: poses[index].x_m,
-                    y_m: poses[index].y_m,
-                },
-                elevation_m: None,
-                direction: (settings.use_orientations || path.oriented)
-                    .then(|| direction(&poses, index)),
-                speed_m_s: path.speed_m_s(skipped + indices[index]),
-            })
-            .collect();
+        let first = first.min(path.poses.len().saturating_sub(2));
+        let points = raw_points(path, first, settings.use_orientations);
         let smoothed = smooth(&points, &settings.smoothing).map_err(Outcome::invalid_path)?;
         let path = Arc::new(smoothed.path);
         Ok(Self {
@@ -211,6 +197,27 @@ impl ProfiledRoute {
             approach,
         })
     }
+}
+
+/// Returns the points of a path from a pose on.
+pub(crate) fn raw_points(
+    path: &RequestedPath,
+    first: usize,
+    use_orientations: bool,
+) -> Vec<RawPoint> {
+    let (poses, indices): (Vec<PlanarPose>, Vec<usize>) =
+        places(&path.poses[first..]).into_iter().unzip();
+    (0..poses.len())
+        .map(|index| RawPoint {
+            position: Point2 {
+                x_m: poses[index].x_m,
+                y_m: poses[index].y_m,
+            },
+            elevation_m: None,
+            direction: (use_orientations || path.oriented).then(|| direction(&poses, index)),
+            speed_m_s: path.speed_m_s(first + indices[index]),
+        })
+        .collect()
 }
 
 /// Returns a pivot by an angle, rad, counter-clockwise, from a pose.
