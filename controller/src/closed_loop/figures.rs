@@ -270,7 +270,8 @@ impl Account {
         let goal_error_m = goal.distance_m(&self.position);
         let count = self.cross_tracks_m.len().max(1) as f64;
         let root_mean = |squares: f64| (squares / count).sqrt();
-        let squares = self.cross_tracks_m.iter().map(|e| e * e).sum();
+        // The sum of nothing is -0 in Rust.
+        let squares = 0.0 + self.cross_tracks_m.iter().map(|e| e * e).sum::<f64>();
         let mut absolute: Vec<f64> = self.cross_tracks_m.iter().map(|e| e.abs()).collect();
         absolute.sort_by(f64::total_cmp);
         TrackingFigures {
