@@ -452,4 +452,4 @@ fn difference_after(difference_rad: f64, way_m: f64, ahead_m: f64) -> f64 {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

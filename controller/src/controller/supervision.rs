@@ -9,7 +9,6 @@ use crate::estimator::Estimate;
 use crate::guard::GuardInputs;
 use crate::mpc::{Model, QpFailure};
 use crate::reference::Progress;
-use crate::trajectory::Ending;
 use sidehill_plant::frames::wrap_angle;
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
@@ -21,10 +20,6 @@ const REFUSED_S: f64 = 0.5;
 
 /// Largest time between two cycles that is not taken for a jump of the clock, s.
 const CLOCK_STEP_MAX_S: f64 = 0.5;
-
-/// Poses in a row that the gate may refuse while the vehicle stands, before it is taken to have been
-/// carried to where they say.
-const CARRIED_POSES: u32 = 10;
 
 /// Share of the speed with which a vehicle drives whose poses are refused.
 const DOUBTED_SHARE: f64 = 0.5;
@@ -95,8 +90,7 @@ impl Controller {
         }
     }
 
-    /// Stops on stale readings and on leaving the path; forgets the pose of a standing vehicle
-    /// that has been carried elsewhere.
+    /// Stops on stale readings, on leaving the path, and where the vehicle does not move as it should.
     pub(super) fn supervise(&mut self, estimate: Option<&Estimate>, progress: Option<&Progress>) {
         let Some(estimate) = estimate else {
             return;
@@ -104,11 +98,6 @@ impl Controller {
         self.supervise_readings(estimate);
         self.supervise_path(estimate, progress);
         self.supervise_motion(estimate, progress);
-        let stands = self.issued.last() == MotorSpeeds::STOP;
-        let stopped = matches!(self.phase, Phase::Stopped(_));
-        if stopped && stands && estimate.poses_gated >= CARRIED_POSES {
-            self.estimator.restart();
-        }
     }
 
     /// Counts a cycle without a solution: returns the command of the previous plan, or the next step
@@ -175,7 +164,6 @@ impl Controller {
         };
         let limits = self.config.supervisor;
         let stays = reference.stays();
-        let periodic = reference.trajectory().ending() == Ending::Periodic;
         let heading_error = wrap_angle(estimate.pose.yaw_rad - progress.point.heading_rad);
         let bound_m = estimate.bound_across_m(progress.point.heading_rad);
         if !within(bound_m, limits.cross_track_uncertainty_max_m) {
@@ -195,7 +183,7 @@ impl Controller {
         if progress.ended && matches!(self.phase, Phase::Driving { .. }) {
             let last = self.issued.last();
             let standing = last.traction_m_s.abs() < 0.01 && last.steer_m_s.abs() < 0.01;
-            if periodic || standing || stays {
+            if standing || stays {
                 self.phase = Phase::Finished;
             }
         }
@@ -203,7 +191,7 @@ impl Controller {
 
     /// Lets the guard look at the ground here and ahead.
     pub(super) fn watch_slope(&mut self, estimate: Option<&Estimate>, elapsed_s: f64) {
-        let half_track_m = 0.5 * (self.vehicle.icrs.right_m - self.vehicle.icrs.left_m);
+        let half_track_m = self.horizon.half_track_m;
         let command = self.issued.last();
         let (Some(guard), Some(estimate), Some(reference)) =
             (&mut self.guard, estimate, &self.reference)
@@ -306,3 +294,6 @@ impl Controller {
 fn within(value: f64, limit: f64) -> bool {
     value <= limit
 }
+
+#[cfg(test)]
+mod tests;

@@ -356,6 +356,49 @@ fn a_straight_drive_ends_standing_at_its_end() {
 }
 
 #[test]
+fn a_drive_is_finished_in_the_cycle_in_which_the_vehicle_stands_at_its_end() {
+    for text in [
+        "{shape: straight, length_m: 1.5, speed_m_s: 0.5}",
+        "{shape: pivot, angle_deg: 60, yaw_rate_rad_s: 0.3}",
+    ] {
+        let mut rig = Setup::new(course(text)).build();
+        let mut ended = 0;
+        let finished = (0..400).any(|_| {
+            let before = rig.command;
+            let decision = rig.cycle();
+            ended += u32::from(decision.progress.unwrap().ended);
+            let stands = before.traction_m_s.abs() < 0.01 && before.steer_m_s.abs() < 0.01;
+            let finished = decision.status == Status::Finished;
+            // Or where it has come no nearer for a second.
+            let stayed = finished && ended >= 20;
+            assert_eq!(
+                finished,
+                ended > 0 && (stands || stayed),
+                "{text} {before:?} {ended}"
+            );
+            finished
+        });
+        assert!(finished, "{text}");
+    }
+}
+
+#[test]
+fn the_last_lap_of_a_circle_is_finished_where_it_ends_at_speed() {
+    let mut rig = Setup::new(course("{shape: circle, radius_m: 1.2, speed_m_s: 0.5}")).build();
+    let finished = (0..500).any(|_| {
+        let decision = rig.cycle();
+        let finished = decision.status == Status::Finished;
+        assert_eq!(finished, decision.progress.unwrap().ended);
+        finished
+    });
+    assert!(
+        finished && rig.command.traction_m_s > 0.2,
+        "{:?}",
+        rig.command
+    );
+}
+
+#[test]
 fn another_path_is_taken_up_while_driving() {
     for kind in KINDS {
         let mut rig = driving(kind);

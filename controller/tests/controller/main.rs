@@ -10,6 +10,7 @@ mod corners;
 mod endurance;
 mod extra;
 mod following;
+mod guard;
 mod path;
 mod poses;
 mod repeat;

@@ -1,7 +1,7 @@
 //! Poses that do not fit the prediction: which are believed, when, and what the vehicle does meanwhile; and
 //! a vehicle that does not move.
 
-use crate::rig::{Rig, driving};
+use crate::rig::{KINDS, Rig, driving};
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Stall, Status, StopReason};
 use sidehill_plant::sample::Sample;
@@ -40,14 +40,18 @@ fn cross_track_m(rig: &mut Rig) -> f64 {
 }
 
 #[test]
-fn single_outliers_are_driven_over() {
+fn single_outliers_are_driven_over_without_slowing_down() {
     let mut rig = rig();
-    let stopped = stop_within(&mut rig, 20 * CYCLES_PER_S, |cycle, sample| {
-        if cycle % 7 == 0 {
-            shift(sample, if cycle % 2 == 0 { 1.0 } else { -2.0 });
-        }
-    });
-    assert_eq!(stopped, None);
+    let before = rig.command.traction_m_s;
+    for cycle in 0..20 * CYCLES_PER_S {
+        let decision = rig.cycle_with(None, |sample| {
+            if cycle % 7 == 0 {
+                shift(sample, if cycle % 2 == 0 { 1.0 } else { -2.0 });
+            }
+        });
+        assert_eq!(decision.status, Status::Tracking);
+        assert!(rig.command.traction_m_s > 0.9 * before, "{cycle}");
+    }
     assert!(cross_track_m(&mut rig) < 0.05);
 }
 
@@ -158,6 +162,41 @@ fn a_pose_that_is_frozen_to_the_bit_is_not_taken_for_digging() {
         let reason = stopped_where_it_stands(kind, 0.0);
         let frozen = matches!(reason, StopReason::PoseFrozen { .. });
         assert!(frozen, "{kind:?} {reason:?}");
+    }
+}
+
+#[test]
+fn a_vehicle_whose_motors_do_not_turn_is_stopped_after_the_time_of_a_stall() {
+    for kind in KINDS {
+        let mut rig = driving(kind);
+        let time_s = rig.controller.config().supervisor.stall_time_s;
+        let mut held = None;
+        let stopped = stop_within(&mut rig, 10 * CYCLES_PER_S, |_, sample| {
+            if let (Some(pose), Some(speeds)) = (&mut sample.pose, &mut sample.tread_speeds) {
+                pose.value = *held.get_or_insert(pose.value);
+                (speeds.value.left_m_s, speeds.value.right_m_s) = (0.0, 0.0);
+            }
+        });
+        let Some((
+            cycle,
+            StopReason::Stalled {
+                stall,
+                time_s: of_s,
+            },
+        )) = stopped
+        else {
+            panic!("{kind:?} {stopped:?}");
+        };
+        assert!(
+            stall != Stall::Treads && of_s == time_s,
+            "{kind:?} {stall:?}"
+        );
+        // A tenth of the way asked for does not count: the vehicle may have driven so far before.
+        let after_s = f64::from(cycle) / f64::from(CYCLES_PER_S);
+        assert!(
+            (time_s - 0.6..time_s + 1.0).contains(&after_s),
+            "{kind:?} {after_s}"
+        );
     }
 }
 

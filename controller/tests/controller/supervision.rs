@@ -5,7 +5,7 @@ use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Controller, ControllerError, Decision, Status, StopReason};
 use sidehill_controller::estimator::Refused;
 use sidehill_plant::sample::{Sample, Stamped};
-use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::speeds::{EncoderScale, MeasuredTreadSpeeds, MotorSpeeds, TreadSpeeds};
 use sidehill_plant::vehicle::Vehicle;
 use std::f64::consts::PI;
 
@@ -191,6 +191,40 @@ fn a_clock_that_does_not_run_on_stops() {
             assert_stays_stopped(&mut rig, expected);
         }
     }
+}
+
+#[test]
+fn poses_after_a_clock_that_was_put_back_are_believed_and_those_while_it_stands_are_not() {
+    for (back_s, believed) in [(1.0, true), (0.0, false)] {
+        let mut rig = driving(ControllerKind::IcrikMpc);
+        let before = rig.cycle().estimate.unwrap();
+        let decision = rig.cycle_with(None, |sample| {
+            let time_s = before.time_s - back_s;
+            sample.time_s = time_s;
+            if let (Some(pose), Some(attitude)) = (&mut sample.pose, &mut sample.attitude) {
+                (pose.time_s, attitude.time_s) = (time_s, time_s);
+                pose.value.x_m += 5.0;
+            }
+        });
+        let moved_m = decision.estimate.unwrap().pose.x_m - before.pose.x_m;
+        assert_eq!(moved_m > 4.5, believed, "{moved_m}");
+    }
+}
+
+#[test]
+fn the_drives_are_commanded_in_what_their_own_encoders_count() {
+    let mut rig = driving(ControllerKind::IcrikMpc);
+    let decision = rig.cycle();
+    let mut vehicle = Vehicle::j8();
+    vehicle.encoder_scale = EncoderScale {
+        left: 0.8,
+        right: 1.25,
+    };
+    let sent = MeasuredTreadSpeeds::from(decision.command_for_drives(&vehicle));
+    let wanted = TreadSpeeds::from(decision.command_effective);
+    assert!(wanted.left_m_s > 0.1);
+    assert!((0.8 * sent.left_m_s - wanted.left_m_s).abs() < 1e-12);
+    assert!((1.25 * sent.right_m_s - wanted.right_m_s).abs() < 1e-12);
 }
 
 #[test]

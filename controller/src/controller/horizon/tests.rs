@@ -37,7 +37,7 @@ fn sample(time_s: f64, pose: &PlanarPose) -> Sample {
 }
 
 /// Returns a controller that follows a course from a pose which is seen for so many cycles.
-fn following(
+pub fn following(
     kind: ControllerKind,
     course: &Course,
     from_m: f64,
@@ -61,7 +61,7 @@ fn see(controller: &mut Controller, pose: &PlanarPose, cycles: std::ops::Range<u
     }
 }
 
-fn start(reference: &Reference) -> PlanarPose {
+pub fn start(reference: &Reference) -> PlanarPose {
     reference.ahead(0.0).pose()
 }
 
