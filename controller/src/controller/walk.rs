@@ -218,7 +218,7 @@ impl<'a> Walk<'a> {
         let mut asked = self.driving(path, state.z, share);
         asked.behind =
             self.at <= self.reference.drive_from_m() && nearest.offsets_to(&place).0 < -AT_START_M;
-        if let Some((before, before_s)) = before.filter(|(_, before_s)| *before_s < end_s) {
+        if let Some((before, before_s)) = before {
             let (sin, cos) = asked.pose.yaw_rad.sin_cos();
             let (dx, dy) = (place.x_m - before.x_m, place.y_m - before.y_m);
             let along_m_s = (cos * dy - sin * dx) / (end_s - before_s);
@@ -330,56 +330,4 @@ impl<'a> Walk<'a> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn asked(motion: Motion) -> StageRequest {
-        StageRequest {
-            motion,
-            ends: false,
-            behind: false,
-            pose: PlanarPose::default(),
-            curvature_per_m: 0.0,
-            inputs: MotorSpeeds::STOP,
-            scale_m_s: 0.4,
-            pace: 1.0,
-        }
-    }
-
-    #[test]
-    fn the_weight_across_the_path_grows_over_the_ramp_and_only_while_driving() {
-        let weights = Weights::default();
-        let cross = |asked: StageRequest, end_s| asked.weights(&weights, end_s).cross_per_m2;
-        let full = weights.cross_per_m2;
-        let drive = asked(Motion::Drive);
-        assert!((cross(drive, CROSS_RAMP_S / 3.0) - full / 3.0).abs() < 1e-9);
-        assert_eq!(cross(drive, CROSS_RAMP_S), full);
-        assert_eq!(cross(drive, 7.0), full);
-        let pivot = asked(Motion::Pivot);
-        assert_eq!(cross(pivot, CROSS_RAMP_S / 3.0), PIVOT_POSITION_PER_M2);
-    }
-
-    #[test]
-    fn a_drive_is_weighed_in_speed_on_the_way_and_in_place_at_its_end() {
-        let all = Weights::default();
-        let on_the_way = asked(Motion::Drive);
-        let weights = on_the_way.weights(&all, 1.0);
-        assert_eq!(weights.along_per_m2, 0.0);
-        // A vehicle that stands costs the same at every allowed speed.
-        let standing = weights.speed_s2_per_m2 * on_the_way.scale_m_s.powi(2);
-        assert!((standing - all.speed).abs() < 1e-12);
-        let end = StageRequest {
-            ends: true,
-            ..on_the_way
-        };
-        let weights = end.weights(&all, 1.0);
-        assert_eq!(weights.along_per_m2, all.cross_per_m2);
-        let behind = StageRequest {
-            behind: true,
-            ..on_the_way
-        };
-        let weights = behind.weights(&all, CROSS_RAMP_S / 3.0);
-        assert_eq!(weights.along_per_m2, weights.cross_per_m2);
-        assert!(weights.along_per_m2 > 0.0);
-    }
-}
+mod tests;
