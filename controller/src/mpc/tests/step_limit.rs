@@ -25,12 +25,26 @@ fn the_price_grows_while_predictions_fail_and_falls_to_none_afterwards() {
         3.0, 12.0, 48.0, 192.0, 768.0, 1000.0, 250.0, 62.5, 15.625, 3.90625, 0.9765625, 0.0,
     ];
     assert_eq!(prices, expected);
+    let mut smallest = Damping { s2_per_m2: 3.0 };
+    smallest.learn(&costs(4.0), &limit);
+    assert_eq!(smallest.s2_per_m2, 0.0);
     let none = StepLimit {
         damping_max_s2_per_m2: 0.0,
         ..limit
     };
     damping.learn(&costs(12.0), &none);
     assert_eq!(damping.s2_per_m2, 0.0);
+}
+
+#[test]
+fn steer_is_corrected_by_no_more_than_its_limit_at_the_first_try() {
+    let limit = StepLimit {
+        steer_m_s: 0.4,
+        ..StepLimit::default()
+    };
+    for (largest_m_s, share) in [(0.0, 1.0), (0.3, 1.0), (0.4, 1.0), (0.8, 0.5), (4.0, 0.1)] {
+        assert!((limit.first_share(largest_m_s) - share).abs() < 1e-12);
+    }
 }
 
 #[test]
