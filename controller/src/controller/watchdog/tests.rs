@@ -296,7 +296,7 @@ fn stall_after(cycles: i32, steer_m_s: f64, then: impl Fn(f64) -> Moment) -> Opt
     let mut pose = PlanarPose {
         x_m: 3.0,
         y_m: -2.0,
-        yaw_rad: 0.7,
+        yaw_rad: -0.5,
     };
     let mut along_m = 4.0;
     (0..cycles + 200).find_map(|cycle| {
