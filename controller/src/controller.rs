@@ -373,10 +373,6 @@ impl Controller {
         };
         self.drives
             .observe(estimate.treads.into(), reading.time_s, &self.issued);
-        let limits = self.drives.limits(&self.config.limits);
-        if let Law::Mpc(mpc) = &mut self.law {
-            mpc.set_speed_limits(limits.traction.speed_m_s, limits.steer.speed_m_s);
-        }
     }
 
     /// Returns how the drives respond, as learned.

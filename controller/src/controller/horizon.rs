@@ -37,6 +37,14 @@ const PRESSING_PER_S: f64 = 4.0;
 /// Largest factor between the stretches of two cycles.
 const STRETCH_CHANGE: f64 = 1.05;
 
+/// Largest speed of traction over the largest speed allowed along the horizon: what it has more brings a vehicle back to
+/// its path.
+const FASTER_MAX: f64 = 1.25;
+
+/// Weight of the heading of a body that must lead its tracked point, at the end of the horizon, over that of the error
+/// into which it turns. Without it each plan would swing the point to the path at its end, and the next one again.
+const LEADING_END: f64 = 40.0;
+
 /// Factor on the weight of a change of steer of contact-mpc on the path, where most of what steer would answer is the
 /// poses' noise, and far beside it.
 const STEER_CHANGE_ON_PATH: f64 = 2.5;
@@ -216,6 +224,7 @@ impl Controller {
             });
         }
         self.horizon.targets.clear();
+        let mut fastest_m_s = f64::INFINITY;
         if let Some(plan) = mpc.plan() {
             // The plan's headings are counted on from its own.
             let yaw_rad = plan.states[0].z;
@@ -226,7 +235,11 @@ impl Controller {
                 let target = ahead.target(&mut walk, end_s, state, *input);
                 self.horizon.targets.push(target);
             }
+            fastest_m_s = walk.fastest_m_s();
         }
+        let limits = self.drives.limits(&config.limits);
+        let traction_m_s = limits.traction.speed_m_s.min(FASTER_MAX * fastest_m_s);
+        mpc.set_speed_limits(traction_m_s, limits.steer.speed_m_s);
         if !tracked_point.is_origin() {
             self.turn_targets(tracked_point, progress.point.heading_rad);
         }
@@ -276,6 +289,12 @@ impl Controller {
             } else {
                 difference_rad = targets[k].pose.yaw_rad - path_rad;
             }
+        }
+        if let Some(end) = targets.last_mut()
+            && end.feedforward.traction_m_s * ahead_m < 0.0
+        {
+            end.weights.heading_per_rad2 +=
+                LEADING_END * end.weights.cross_per_m2 * ahead_m.powi(2);
         }
         let mut before_rad = self.horizon.start.yaw_rad;
         for (k, target) in targets.iter_mut().enumerate() {

@@ -161,6 +161,8 @@ pub(super) struct Walk<'a> {
     /// Where the plan had the vehicle before, and when.
     before: Option<(Point2, f64)>,
     time_s: f64,
+    /// Largest speed allowed on the path so far, m/s; infinite where the vehicle drives on none.
+    fastest_m_s: f64,
 }
 
 impl<'a> Walk<'a> {
@@ -183,7 +185,16 @@ impl<'a> Walk<'a> {
             steer_m_s: moving.steer_m_s,
             before: None,
             time_s: 0.0,
+            fastest_m_s: match reference.driven_path() {
+                Some(_) => 0.0,
+                None => f64::INFINITY,
+            },
         }
+    }
+
+    /// Returns the largest speed allowed so far on the path, m/s, braking left out; infinite on the spot.
+    pub(super) fn fastest_m_s(&self) -> f64 {
+        self.fastest_m_s
     }
 
     /// Goes to where the plan has the vehicle at (x, y, yaw) `end_s` after the start, at a share of the allowed speeds.
@@ -216,6 +227,7 @@ impl<'a> Walk<'a> {
         let nearest = path.nearest_from(&place, guess_m, guess_m, &PROJECTION_WINDOW);
         self.at = nearest.arc_length_m.max(self.at);
         let mut asked = self.driving(path, state.z, share);
+        self.fastest_m_s = self.fastest_m_s.max(asked.scale_m_s);
         asked.behind =
             self.at <= self.reference.drive_from_m() && nearest.offsets_to(&place).0 < -AT_START_M;
         if let Some((before, before_s)) = before {
