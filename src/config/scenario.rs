@@ -341,8 +341,8 @@ pub(crate) fn point_behind_icrs(point: &TrackedPoint, vehicle: &Vehicle) -> Opti
     behind.then(|| {
         format!(
             "tracked_point.forward_m: {} m is behind the line through the treads' ICRs ({line_m} m ahead of the \
-             origin). Driving forward, such a point steers like a trailer in reverse: expect errors of 2 to 5 cm and \
-             bursts of steer. A point ahead of that line is tracked to 0.2 cm",
+             origin). Driving forward, such a point steers like a trailer in reverse: expect errors of 2 to 6 cm 0.4 m behind it and \
+             far more 0.8 m behind it. A point ahead of that line is tracked to 0.2 cm",
             point.forward_m
         )
     })

@@ -451,3 +451,20 @@ fn from_beside_the_path_the_vehicle_drives_on_towards_it() {
     }
     assert!(rig.command.traction_m_s > 0.3, "{:?}", rig.command);
 }
+
+#[test]
+fn on_the_way_back_to_its_path_a_vehicle_is_at_most_a_quarter_faster_than_allowed() {
+    for kind in [ControllerKind::IcrikMpc, ControllerKind::ContactMpc] {
+        let mut setup = Setup::new(course("{shape: straight, length_m: 8, speed_m_s: 0.4}"));
+        setup.kind = kind;
+        setup.start.x_m += 0.8;
+        let mut rig = setup.build();
+        let fastest_m_s = (0..240)
+            .map(|_| rig.cycle().command_effective.traction_m_s.abs())
+            .fold(0.0, f64::max);
+        assert!(
+            (0.45..0.5 + 1e-6).contains(&fastest_m_s),
+            "{kind:?} {fastest_m_s}"
+        );
+    }
+}

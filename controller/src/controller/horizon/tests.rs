@@ -193,6 +193,30 @@ fn rounds_between_the_headings_of_vehicle_and_path_turn_no_target_of_a_tracked_p
 }
 
 #[test]
+fn a_body_that_leads_its_tracked_point_is_held_to_its_heading_where_the_horizon_ends() {
+    let course = Course::Slalom(Slalom::default());
+    let heading_weights = |forward_m: f64| -> Vec<f64> {
+        let mut controller = following(ControllerKind::ContactMpc, &course, 3.0, 0, |reference| {
+            reference.path().unwrap().at(3.0).pose()
+        });
+        controller.config.tracked_point.forward_m = forward_m;
+        let pose = controller.reference.as_ref().unwrap().ahead(0.0).pose();
+        see(&mut controller, &pose, 0..1);
+        let targets = controller.horizon.targets.iter();
+        targets
+            .map(|target| target.weights.heading_per_rad2)
+            .collect()
+    };
+    let same = |weights: &[f64]| weights.windows(2).all(|pair| pair[0] == pair[1]);
+    assert!(same(&heading_weights(0.4)));
+    let led = heading_weights(-0.4);
+    let (end, others) = led.split_last().unwrap();
+    assert!(same(others));
+    // As an error across the path of the distance that the point is behind the ICRs, for each rad.
+    assert!(*end > 40.0 * 50.0 * 0.4 * 0.4, "{end}");
+}
+
+#[test]
 fn the_price_of_speed_grows_while_the_vehicle_waits_and_falls_when_it_moves_on() {
     let course = Course::Straight(Straight::default());
     let mut controller = following(ControllerKind::IcrikMpc, &course, 0.0, 1, start);
