@@ -32,6 +32,7 @@ pub mod identification;
 mod linearised;
 pub mod log;
 pub mod motion;
+pub mod number;
 pub mod odometry;
 pub mod prediction;
 pub mod sample;

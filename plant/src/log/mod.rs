@@ -16,6 +16,7 @@ pub use plausibility::Suspicion;
 
 use crate::bounds::{Bounds, RangeError};
 use crate::frames::{Attitude, Pose};
+use crate::number::likely_mistake;
 use crate::speeds::{MeasuredTreadSpeeds, MotorSpeeds};
 
 /// Rows further apart than this, s, are not connected: nothing is known of the motion between them.
@@ -45,7 +46,7 @@ pub struct DriveLog {
 }
 
 /// What reading a log changed or left out.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Note {
     /// Rows have the values of some sensors only.
     #[error(
@@ -67,6 +68,19 @@ pub enum Note {
         count: usize,
         /// All rows.
         rows: usize,
+    },
+    /// Nothing was recorded for a while.
+    #[error(
+        "{count} times no row follows within {GAP_MAX_S} s, the longest time for {longest_s:.1} s, {from_s:.1} s after the first: \
+         the motion between does not count"
+    )]
+    Gaps {
+        /// How many.
+        count: usize,
+        /// Duration of the longest, s.
+        longest_s: f64,
+        /// Its beginning after the first row, s.
+        from_s: f64,
     },
     /// Poses are not numbers.
     #[error("{count} poses that are not finite are left out")]
@@ -97,10 +111,8 @@ impl DriveLog {
                 });
             }
         }
-        Ok(Self {
-            rows,
-            notes: Vec::new(),
-        })
+        let notes = gaps(&rows).into_iter().collect();
+        Ok(Self { rows, notes })
     }
 
     /// Returns the rows.
@@ -164,6 +176,26 @@ impl DriveLog {
             notes: self.notes.clone(),
         }
     }
+}
+
+/// Returns the note about gaps between rows, if there are any.
+fn gaps(rows: &[LogRow]) -> Option<Note> {
+    let start_s = rows.first()?.time_s;
+    let steps = rows.windows(2);
+    let steps = steps.map(|pair| (pair[1].time_s - pair[0].time_s, pair[0].time_s - start_s));
+    let (mut count, mut longest) = (0, (0.0, 0.0));
+    for gap in steps.filter(|(step_s, _)| *step_s > GAP_MAX_S) {
+        count += 1;
+        if gap.0 > longest.0 {
+            longest = gap;
+        }
+    }
+    let (longest_s, from_s) = longest;
+    (count > 0).then_some(Note::Gaps {
+        count,
+        longest_s,
+        from_s,
+    })
 }
 
 fn check_row(row: &LogRow) -> Result<(), RangeError> {
@@ -245,7 +277,7 @@ pub enum LogError {
         present: String,
     },
     /// A field is not a number.
-    #[error("row {row_number}, column {column}: {found:?} is not a number")]
+    #[error("row {row_number}, column {column}: {found:?} is not a number{}", likely_mistake(.found))]
     NotANumber {
         /// Data row, counted from 1.
         row_number: usize,
@@ -264,10 +296,12 @@ pub enum LogError {
     #[error("the file is empty: its first line must name the columns")]
     Empty,
     /// The first line holds numbers.
-    #[error("line 1: holds numbers; the first line must name the columns")]
+    #[error(
+        "line 1: holds numbers; the first line must name the columns (`ros2 topic echo --csv` writes none)"
+    )]
     NoHeader,
     /// A row has more or fewer fields than the header.
-    #[error("line {line}: {found} fields, but the header names {expected}{}", decimal_comma(*.found, *.expected))]
+    #[error("line {line}: {found} fields, but the header names {expected}{}", likely_cause(*.found, *.expected))]
     FieldCount {
         /// Line of the file, counted from 1.
         line: u64,
@@ -288,6 +322,12 @@ pub enum LogError {
         /// Data row, counted from 1.
         row_number: usize,
     },
+    /// The text has another encoding.
+    #[error("{}: is not UTF-8 text; save it as UTF-8", row_name(*.row_number))]
+    NotUtf8 {
+        /// Data row, counted from 1; 0 is the header.
+        row_number: u64,
+    },
     /// The text is not CSV.
     #[error("not readable as CSV: {reason}")]
     Csv {
@@ -302,7 +342,9 @@ fn likely_unit(reason: &RangeError) -> &'static str {
         return "; leave out rows without a value";
     }
     match reason.key {
-        "time_s" => "; is the column in nanoseconds or microseconds? It must be in seconds",
+        "time_s" => {
+            "; is the column in milliseconds, microseconds or nanoseconds? It must be in seconds"
+        }
         "roll_rad" | "pitch_rad" => "; is the column in degrees? It must be in radians",
         "v_left_m_s" | "v_right_m_s" => {
             "; is the column in rpm or rad/s? It must be in m/s, tread_speed_scale of --columns converts"
@@ -313,17 +355,26 @@ fn likely_unit(reason: &RangeError) -> &'static str {
 
 /// Returns what may be wrong with a file that lacks a column.
 fn likely_separator(present: &str) -> &'static str {
-    if present.contains(';') || present.contains('\t') {
+    if present.starts_with("sep=") {
+        "the first line is one for spreadsheets; remove it, separate fields by commas and write decimals with a point"
+    } else if present.contains(';') || present.contains('\t') {
         "the fields are separated by semicolons or tabs; separate them by commas and write decimals with a point"
     } else {
         "where the log has other names, units or frames, --columns FILE says which"
     }
 }
 
-fn decimal_comma(found: u64, expected: u64) -> &'static str {
+fn row_name(row_number: u64) -> String {
+    match row_number {
+        0 => "line 1".to_owned(),
+        row_number => format!("row {row_number}"),
+    }
+}
+
+fn likely_cause(found: u64, expected: u64) -> &'static str {
     if found > expected {
         "; fields are separated by commas, so write decimals with a point (12.5, not 12,5)"
     } else {
-        ""
+        "; if the file was cut off there, remove the line"
     }
 }

@@ -95,7 +95,8 @@ fn time_unit(step_s: f64) -> &'static str {
 
 fn distance_cause(ratio: f64) -> &'static str {
     if ratio > 4.0 {
-        "are the speeds rad/s or rpm? They must be m/s (`tread_speed_scale` of --columns converts)"
+        "are the speeds km/h, rad/s or rpm? They must be m/s (`tread_speed_scale` of --columns converts; for a bag \
+         `radius_m` of --topics)"
     } else if ratio > 1.0 {
         "is the wheel radius or `tread_speed_scale` too large (a diameter for a radius)?"
     } else {

@@ -27,7 +27,10 @@ impl DriveLog {
         map: &ColumnMap,
         rows_max: usize,
     ) -> Result<Self, LogError> {
-        let mut reader = ReaderBuilder::new().trim(Trim::All).from_reader(source);
+        let mut reader = ReaderBuilder::new()
+            .trim(Trim::All)
+            .comment(Some(b'#'))
+            .from_reader(source);
         let header = without_byte_order_mark(reader.headers().map_err(csv_error)?);
         check_header(&header)?;
         let columns = LogColumns::find(&header, map)?;
@@ -36,6 +39,10 @@ impl DriveLog {
         let mut not_finite = 0;
         for (index, record) in reader.records().enumerate() {
             let record = record.map_err(csv_error)?;
+            // Spreadsheets write rows that were emptied.
+            if record.iter().all(str::is_empty) {
+                continue;
+            }
             let mut row = columns.row(&Fields {
                 record: &record,
                 header: &header,
@@ -154,6 +161,9 @@ pub(super) fn csv_error(error: csv::Error) -> LogError {
             found: *len,
             expected: *expected_len,
         },
+        csv::ErrorKind::Utf8 { pos, .. } => LogError::NotUtf8 {
+            row_number: pos.as_ref().map_or(0, csv::Position::record),
+        },
         _ => LogError::Csv {
             reason: error.to_string(),
         },
@@ -173,7 +183,8 @@ pub(super) fn check_header(header: &StringRecord) -> Result<(), LogError> {
         return Err(LogError::Empty);
     }
     let mut names: Vec<&str> = header.iter().filter(|name| !name.is_empty()).collect();
-    if names.iter().all(|name| name.parse::<f64>().is_ok()) {
+    let numbers = names.iter().filter(|name| name.parse::<f64>().is_ok());
+    if 2 * numbers.count() > names.len() {
         return Err(LogError::NoHeader);
     }
     names.sort_unstable();
@@ -355,8 +366,17 @@ pub(super) fn position(header: &StringRecord, name: &String) -> Result<usize, Lo
         .position(|column| column == name)
         .ok_or_else(|| LogError::NoColumn {
             column: name.clone(),
-            present: header.iter().collect::<Vec<_>>().join(", "),
+            present: shortened(&header.iter().collect::<Vec<_>>().join(", ")),
         })
+}
+
+/// Returns the beginning of a text that a message quotes.
+fn shortened(text: &str) -> String {
+    const QUOTED: usize = 1000;
+    match text.char_indices().nth(QUOTED) {
+        Some((end, _)) => format!("{} ...", &text[..end]),
+        None => text.to_owned(),
+    }
 }
 
 /// One record with what an error needs to name it.

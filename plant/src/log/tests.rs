@@ -216,3 +216,51 @@ fn a_side_that_counts_backwards_and_turned_antennas_are_corrected_by_keys() {
     let yaw_rad = row.pose.unwrap().yaw_rad;
     assert!((yaw_rad - (0.5 + std::f64::consts::FRAC_PI_2)).abs() < 1e-12);
 }
+
+#[test]
+fn text_in_another_encoding_is_named_with_its_row() {
+    let error = |bytes: &[u8]| {
+        let log = DriveLog::read(bytes, &ColumnMap::default());
+        log.unwrap_err().to_string()
+    };
+    let row = [
+        CONTRACT.as_bytes(),
+        b"0.3, 0.5, 0.6, 0.05, 0.06, 4, 5, 6, \xB0\n",
+    ]
+    .concat();
+    assert_eq!(error(&row), "row 4: is not UTF-8 text; save it as UTF-8");
+    let header = [b"gr\xF6\xDFe,", CONTRACT.as_bytes()].concat();
+    assert_eq!(
+        error(&header),
+        "line 1: is not UTF-8 text; save it as UTF-8"
+    );
+}
+
+#[test]
+fn what_stands_in_place_of_a_header_is_named() {
+    let error = |text: &str| read(text, &ColumnMap::default()).unwrap_err().to_string();
+    let echo = "1700000000,0,odom,base_link,0.1,0.0,0.0,0.0,0.0,1.0\n";
+    assert!(
+        error(echo).contains("`ros2 topic echo --csv` writes none"),
+        "{}",
+        error(echo)
+    );
+    for separator in [',', ';'] {
+        let error = error(&format!("sep={separator}\n{CONTRACT}"));
+        assert!(error.contains("one for spreadsheets; remove it"), "{error}");
+    }
+}
+
+#[test]
+fn gaps_are_said_and_rows_that_a_spreadsheet_emptied_are_none() {
+    let later = CONTRACT.replace("0.2, 0.5", "3600.1, 0.5");
+    let note = read(&later, &ColumnMap::default()).unwrap().notes()[0].to_string();
+    assert!(
+        note.contains("1 times") && note.contains("3600.0 s, 0.1 s after the first"),
+        "{note}"
+    );
+    let emptied = format!("# field 3\n{CONTRACT},,,,,,,,\n,,,,,,,,\n");
+    let log = read(&emptied, &ColumnMap::default()).unwrap();
+    assert_eq!(log, read(CONTRACT, &ColumnMap::default()).unwrap());
+    assert!(log.notes().is_empty());
+}

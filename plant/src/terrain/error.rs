@@ -1,6 +1,7 @@
 //! Why a terrain cannot be made, or has no ground at a place.
 
 use crate::bounds::RangeError;
+use crate::number::likely_mistake;
 use std::fmt;
 
 /// Why a terrain cannot be made, or has no ground at a place.
@@ -49,7 +50,10 @@ pub enum TerrainError {
         distance_max_m: f64,
     },
     /// The text of an elevation grid could not be read.
-    #[error("elevation grid, line {line}: found {found}, expected {expected}")]
+    #[error(
+        "elevation grid, line {line}: found {found}, expected {expected}{}",
+        likely_mistake(.found.trim_matches('"'))
+    )]
     GridSyntax {
         /// Line, from 1.
         line: usize,

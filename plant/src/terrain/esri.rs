@@ -154,7 +154,10 @@ impl<'a, I: Iterator<Item = (usize, &'a str)>> Words<'a, I> {
         let (mut columns, mut rows, mut cell, mut nodata) = (None, None, None, None);
         let (mut west, mut south, mut dx, mut dy) = (None, None, None, None);
         while let Some(&(line, word)) = self.words.peek() {
-            if !word.starts_with(|c: char| c.is_ascii_alphabetic()) || is_nan(word) {
+            if !word.starts_with(|c: char| c.is_ascii_alphabetic())
+                || is_nan(word)
+                || word.parse::<f64>().is_ok()
+            {
                 break;
             }
             self.words.next();
