@@ -4,6 +4,8 @@ use super::point::finite;
 use super::{PathError, Point2, RawPoint};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
+use sidehill_plant::number::likely_mistake;
+use sidehill_plant::statistics::median;
 use std::io::Read;
 
 /// The points of a route in the world: X_g east, Y_g north, Z_g up.
@@ -123,7 +125,8 @@ pub const GPX_NAMESPACE: &str = "urn:sidehill:gpx:1";
 /// Returns the points of all tracks of a GPX text, or of its routes where it has no track, in the local tangent plane
 /// (east, north) at `datum`, or else at the file's own [datum](GPX_NAMESPACE), or at the first point.
 ///
-/// Segments that follow each other without a gap are joined, which a note says. Heights are the recorded ones minus
+/// Segments that follow each other without a gap are joined, which a note says, as it does of a long way without points
+/// in a track. Heights are the recorded ones minus
 /// the datum's, not the tangent plane's, so that the ground does not fall away with the curvature of the earth.
 ///
 /// # Errors
@@ -136,7 +139,10 @@ pub fn read_gpx(mut reader: impl Read, datum: Option<&GeodeticOrigin>) -> Result
         .map_err(|error| PathError::Read(error.to_string()))?;
     let text = text.trim_start_matches('\u{feff}');
     if !text.trim_start().starts_with('<') {
-        return Err(fault(1, "this is not XML; a CSV file must be named .csv"));
+        return Err(fault(
+            1,
+            "this is not XML, so no GPX; a CSV file must be named .csv",
+        ));
     }
     let document = roxmltree::Document::parse(text)
         .map_err(|error| fault(error.pos().row, error.to_string()))?;
@@ -145,11 +151,12 @@ pub fn read_gpx(mut reader: impl Read, datum: Option<&GeodeticOrigin>) -> Result
         let name = root.tag_name().name();
         return Err(fault(
             1,
-            format!("the root element is `{name}`, must be gpx"),
+            format!("the root element is `{name}`, must be gpx; save or convert the file as GPX"),
         ));
     }
     let mut segments = segments(&document, "trkseg", "trkpt")?;
-    if segments.is_empty() {
+    let recorded = !segments.is_empty();
+    if !recorded {
         segments = self::segments(&document, "rte", "rtept")?;
     }
     let places: Vec<&GpxPoint> = segments.iter().flatten().collect();
@@ -192,7 +199,16 @@ pub fn read_gpx(mut reader: impl Read, datum: Option<&GeodeticOrigin>) -> Result
         ));
     }
     check_legs(&places, &points)?;
-    let notes = joined(&segments, &places, &points)?;
+    let mut notes = Vec::new();
+    let mut nodes = document.descendants();
+    if recorded && nodes.any(|node| node.has_tag_name_of("rtept")) {
+        notes.push("of its tracks and routes only the tracks are driven".to_owned());
+    }
+    let usual_m = usual_leg_m(&segments, &points);
+    notes.extend(joined(&segments, &places, &points, usual_m)?);
+    if recorded {
+        notes.extend(straight(&places, &points, usual_m));
+    }
     Ok(Route {
         points,
         actions: Vec::new(),
@@ -272,30 +288,54 @@ fn check_legs(places: &[&GpxPoint], points: &[RawPoint]) -> Result<(), PathError
     Ok(())
 }
 
-/// Returns the notes about segments that were joined.
+/// Returns the index of the first point of each segment but the first.
+fn begins(segments: &[Vec<GpxPoint>]) -> Vec<usize> {
+    let lengths = segments.iter().map(Vec::len);
+    let mut begins: Vec<usize> = lengths
+        .scan(0, |end, length| {
+            *end += length;
+            Some(*end)
+        })
+        .collect();
+    begins.pop();
+    begins
+}
+
+/// Returns the distance from the point before, m.
+fn leg_m(points: &[RawPoint], at: usize) -> f64 {
+    points[at - 1].position.distance_m(&points[at].position)
+}
+
+/// Returns the median distance of points within a segment, m.
+fn usual_leg_m(segments: &[Vec<GpxPoint>], points: &[RawPoint]) -> f64 {
+    let begins = begins(segments);
+    let within = (1..points.len()).filter(|at| begins.binary_search(at).is_err());
+    median(within.map(|at| leg_m(points, at)).collect()).unwrap_or(0.0)
+}
+
+/// Returns the note about the longest way between two points of a track that nobody can have recorded.
+fn straight(places: &[&GpxPoint], points: &[RawPoint], usual_m: f64) -> Option<String> {
+    let legs = (1..points.len()).map(|at| (at, leg_m(points, at)));
+    let (at, longest_m) = legs.max_by(|a, b| a.1.total_cmp(&b.1))?;
+    (longest_m > STRAY_M.max(STRAY_TIMES * usual_m)).then(|| {
+        format!(
+            "line {} of the GPX: the point is {longest_m:.1} m from the one before, where {usual_m:.1} m are usual: \
+             what lies between counts as straight",
+            places[at].line
+        )
+    })
+}
+
+/// Returns the note about segments that were joined.
 fn joined(
     segments: &[Vec<GpxPoint>],
     places: &[&GpxPoint],
     points: &[RawPoint],
-) -> Result<Vec<String>, PathError> {
-    let mut ends = Vec::with_capacity(segments.len());
-    let mut end = 0;
-    for segment in segments {
-        end += segment.len();
-        ends.push(end);
-    }
-    ends.pop();
-    if ends.is_empty() {
-        return Ok(Vec::new());
-    }
-    let leg_m = |at: usize| points[at - 1].position.distance_m(&points[at].position);
-    let mut within_m: Vec<f64> = (1..points.len())
-        .filter(|at| !ends.contains(at))
-        .map(leg_m)
-        .collect();
-    within_m.sort_by(f64::total_cmp);
-    let usual_m = within_m.get(within_m.len() / 2).copied().unwrap_or(0.0);
-    for &at in &ends {
+    usual_m: f64,
+) -> Result<Option<String>, PathError> {
+    let begins = begins(segments);
+    let leg_m = |at: usize| leg_m(points, at);
+    for &at in &begins {
         let gap_m = leg_m(at);
         if gap_m > GAP_M.max(GAP_STEPS * usual_m) {
             return Err(fault(
@@ -307,11 +347,13 @@ fn joined(
             ));
         }
     }
-    let widest_m = ends.iter().map(|&at| leg_m(at)).fold(0.0, f64::max);
-    Ok(vec![format!(
-        "{} segments follow each other with at most {widest_m:.2} m between them and were joined",
-        segments.len()
-    )])
+    let widest_m = begins.iter().map(|&at| leg_m(at)).fold(0.0, f64::max);
+    Ok((!begins.is_empty()).then(|| {
+        format!(
+            "{} segments follow each other with at most {widest_m:.2} m between them and were joined",
+            segments.len()
+        )
+    }))
 }
 
 /// Returns the points of each element `parent` that has any.
@@ -393,7 +435,7 @@ fn place(node: &roxmltree::Node, line: u32) -> Result<GpxPoint, PathError> {
                 let hint = if exchanged {
                     "; are lat and lon exchanged?"
                 } else {
-                    ""
+                    likely_mistake(text)
                 };
                 fault(
                     line,
@@ -411,8 +453,8 @@ fn place(node: &roxmltree::Node, line: u32) -> Result<GpxPoint, PathError> {
         .children()
         .find(|child| child.has_tag_name_of("ele"))
         .and_then(|child| child.text())
-        // `<ele/>` is an elevation that is not known.
-        .filter(|text| !text.trim().is_empty());
+        // `<ele/>` and NaN are an elevation that is not known.
+        .filter(|text| !text.trim().is_empty() && !text.trim().eq_ignore_ascii_case("nan"));
     Ok(GpxPoint {
         line,
         latitude_deg: attribute("lat", 90.0)?,

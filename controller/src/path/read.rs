@@ -2,6 +2,7 @@
 
 use super::point::finite;
 use super::{Direction, PathError, Point2, ROUTE_SPEEDS, RawPoint, Route};
+use sidehill_plant::number::likely_mistake;
 use std::io::Read;
 
 /// Length of an action, characters.
@@ -58,7 +59,9 @@ pub fn read_csv(reader: impl Read) -> Result<Route, PathError> {
 /// Returns what may be wrong with a table whose header has such a column.
 fn likely_cause(name: &str) -> &'static str {
     let name = name.to_lowercase();
-    if name.contains(';') || name.contains('\t') {
+    if name.starts_with("sep=") {
+        "; remove this line, which is one for spreadsheets, separate fields by commas and write decimals with a point"
+    } else if name.contains(';') || name.contains('\t') {
         "; separate fields by commas and write decimals with a point"
     } else if name.parse::<f64>().is_ok() {
         "; the first line must name the columns"
@@ -115,7 +118,10 @@ impl Columns {
             let text = record.get(column).unwrap_or_default();
             finite(text).ok_or_else(|| PathError::Csv {
                 line,
-                what: format!("{name}: `{text}` is not a finite number"),
+                what: format!(
+                    "{name}: `{text}` is not a finite number{}",
+                    likely_mistake(text)
+                ),
             })
         };
         let direction = match self.direction.and_then(|column| record.get(column)) {

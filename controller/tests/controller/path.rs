@@ -321,6 +321,39 @@ fn segments_with_a_way_between_them_that_nobody_recorded_are_refused() {
 }
 
 #[test]
+fn what_a_gpx_leaves_open_is_said() {
+    // A logger that lost its fixes on the way, without a new segment.
+    let lost = [line(0.0, 20.0, 0.0), line(61.0, 80.0, 0.0)].concat();
+    let notes = read_gpx(track(&[&lost]).as_bytes(), None).unwrap().notes;
+    assert!(
+        notes[0].contains("line 24 of the GPX: the point is 41.0 m")
+            && notes[0].contains("1.0 m are usual"),
+        "{notes:?}"
+    );
+    // A planned route has points where it bends only.
+    let planned = track(&[&[(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (90.0, 0.0)]])
+        .replace("trkpt", "rtept")
+        .replace("trkseg", "rte");
+    assert_eq!(
+        read_gpx(planned.as_bytes(), None).unwrap().notes,
+        Vec::<String>::new()
+    );
+    let both = track(&[&line(0.0, 20.0, 0.0)])
+        .replace("<trk>", "<rte><rtept lat=\"47\" lon=\"8\"/></rte><trk>");
+    let route = read_gpx(both.as_bytes(), None).unwrap();
+    assert_eq!(route.points.len(), 21);
+    assert!(
+        route.notes[0].contains("only the tracks are driven"),
+        "{:?}",
+        route.notes
+    );
+    // Heights that a program did not know.
+    let unknown = track(&[&line(0.0, 2.0, 0.0)]).replace("/>", "><ele>NaN</ele></trkpt>");
+    let route = read_gpx(unknown.as_bytes(), None).unwrap();
+    assert!(route.points.iter().all(|point| point.elevation_m.is_none()));
+}
+
+#[test]
 fn the_datum_keeps_places_where_they_are_and_a_far_one_is_refused() {
     let datum = GeodeticOrigin {
         latitude_deg: 47.0,
