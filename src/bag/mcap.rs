@@ -6,13 +6,10 @@ use super::limits::Budget;
 use super::message::{BagTopic, FileFindings, RecordedMessage, Visit};
 use ::mcap::parse_record;
 use ::mcap::records::{ChunkHeader, Record, op};
-use crc::{CRC_32_ISO_HDLC, Crc};
-use sidehill_recording::framing::{Framed, Records, cut_off_chunk, in_chunk};
+use sidehill_recording::framing::{Framed, Records, changed, cut_off_chunk, in_chunk};
 use std::collections::BTreeMap;
 use std::io::{self, Read};
 use std::path::Path;
-
-const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// Calls `visit` for each message of `source`, in the order of the file.
 pub(super) fn read(
@@ -86,8 +83,8 @@ impl McapState<'_> {
         if let Some(fault) = fault {
             return Err(self.damaged(format_args!("a chunk: {fault}")));
         }
-        if header.uncompressed_crc != 0 && CRC.checksum(&records) != header.uncompressed_crc {
-            return Err(self.damaged("a chunk has another checksum than was recorded"));
+        if let Some(reason) = changed(&header, &records) {
+            return Err(self.damaged(reason));
         }
         match in_chunk(&records, |op, body| self.record(op, body))? {
             0 => Ok(()),

@@ -4,12 +4,15 @@
 //! `mcap` parses the records. Its readers skip a chunk whose length is missing because the recorder was killed, and
 //! count wrongly where a record is longer than its chunk.
 
+use crc::{CRC_32_ISO_HDLC, Crc};
 use mcap::MAGIC;
 use mcap::records::{ChunkHeader, op};
 use std::io::{self, Read};
 
 /// Largest record, bytes; chunks of rosbag2 and of this program have a few MB.
 pub const RECORD_MAX: u64 = 128 << 20;
+
+const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// What stands at a place of a file.
 #[derive(Debug)]
@@ -99,6 +102,12 @@ pub fn in_chunk<E>(
         records = &rest[length..];
     }
     Ok(records.len())
+}
+
+/// Returns why the decompressed records of a chunk are not those that were recorded, if its checksum says so; 0 says nothing.
+pub fn changed(header: &ChunkHeader, records: &[u8]) -> Option<&'static str> {
+    let sound = header.uncompressed_crc == 0 || CRC.checksum(records) == header.uncompressed_crc;
+    (!sound).then_some("a chunk has another checksum than was recorded")
 }
 
 /// Returns compression and compressed records of a chunk that ends with the file; of its header only the compression

@@ -1,9 +1,9 @@
 //! Reading recordings of this program, also those that were cut off.
 
-use super::framing::{Framed, Records, cut_off_chunk, in_chunk};
+use super::framing::{Framed, Records, changed, cut_off_chunk, in_chunk};
 use super::mcap_file::{FORMAT, FORMAT_FACT, Header, METADATA, McapRecording};
 use super::messages::{ControllerCycle, PathCommand, Topic};
-use mcap::records::{Record, op};
+use mcap::records::{ChunkHeader, Record, op};
 use sidehill_bridge::control_loop::tap::{PathRecord, RecordedPath};
 use sidehill_bridge::ros2::message::cdr::{CdrError, from_cdr};
 use sidehill_plant::frames::{Attitude, Pose};
@@ -213,7 +213,7 @@ fn scan_with(
                 Framed::CutOff(reason) => break Some(reason.to_owned()),
                 Framed::CutOffChunk(body) => {
                     if let Some((header, data)) = cut_off_chunk(&body) {
-                        scan.chunk(&header.compression, data)?;
+                        scan.chunk(&header, data)?;
                     }
                     break Some("its last chunk was not finished".to_owned());
                 }
@@ -270,13 +270,17 @@ struct Scan<'a, 'b> {
 }
 
 impl Scan<'_, '_> {
-    fn chunk(&mut self, compression: &str, records: &[u8]) -> Result<Taken, RecordingError> {
+    fn chunk(&mut self, header: &ChunkHeader, records: &[u8]) -> Result<Taken, RecordingError> {
+        let compression = &header.compression;
         if !compression.is_empty() {
             return Ok(if self.ours {
                 Taken::Damaged(format!("a chunk is compressed by {compression:?}"))
             } else {
                 Taken::Foreign
             });
+        }
+        if let Some(reason) = changed(header, records) {
+            return Ok(Taken::Damaged(reason.to_owned()));
         }
         let mut last = Taken::Used;
         let rest = in_chunk(records, |op, body| {
@@ -305,7 +309,7 @@ impl Scan<'_, '_> {
             return Ok(Taken::Foreign);
         }
         match record {
-            Record::Chunk { header, data } => return self.chunk(&header.compression, &data),
+            Record::Chunk { header, data } => return self.chunk(&header, &data),
             Record::Metadata(metadata) if metadata.name == METADATA => {
                 self.ours = true;
                 self.header.facts = metadata.metadata;
