@@ -7,6 +7,7 @@
 
 pub mod closed_loop;
 pub mod config;
+mod foreign;
 mod guard_watch;
 pub mod learned;
 mod limits;

@@ -56,7 +56,8 @@ pub(crate) fn read(path: &Path) -> std::io::Result<Vec<u8>> {
     if bytes.len() as u64 > bytes_max {
         let kind = std::io::ErrorKind::FileTooLarge;
         let text = format!(
-            "is larger than {} MB, the limit for such a file",
+            "is larger than {} MB, the limit for a file that ends so; grids end in .asc or .tif, logs in .csv, \
+             .mcap or .db3",
             bytes_max / 1_000_000
         );
         return Err(std::io::Error::new(kind, text));

@@ -1,6 +1,6 @@
-//! What a file is by its first bytes, and how much of a text log is read.
+//! How much of a text log is read.
 
-use crate::config::no_text;
+use crate::foreign::foreign;
 use anyhow::{Context, Result, bail};
 use std::fmt;
 use std::fs::File;
@@ -22,46 +22,14 @@ impl fmt::Display for Size {
     }
 }
 
-/// Returns what a file is that is no log, and how to come by one.
-///
-/// # Errors
-/// The file cannot be read.
-pub(crate) fn foreign(path: &Path) -> io::Result<Option<String>> {
-    const LFS: &[u8] = b"version https://git-lfs.github.com/spec/";
-    const ROS1: &[u8] = b"#ROSBAG V";
-    let mut begin = Vec::new();
-    File::open(path)?
-        .take(LFS.len() as u64)
-        .read_to_end(&mut begin)?;
-    Ok(if begin.starts_with(LFS) {
-        Some(
-            "is a pointer of Git LFS, not the file itself: `git lfs pull` in its repository fetches the file"
-                .to_owned(),
-        )
-    } else if begin.starts_with(ROS1) {
-        Some(
-            "is a bag of ROS 1; `rosbags-convert --src FILE.bag --dst FOLDER` of the Python package rosbags makes a \
-             bag of ROS 2 of it"
-                .to_owned(),
-        )
-    } else {
-        None
-    })
-}
-
 /// Opens a text log, of which no more is read than `--max-bytes` allows.
 ///
 /// # Errors
 /// Names the file and what it is instead.
 pub(crate) fn open(path: &Path, max_bytes: Option<u64>) -> Result<impl Read> {
     let name = || path.display().to_string();
-    if path.is_file()
-        && let Some(reason) = foreign(path).with_context(name)?
-    {
-        bail!("{}: {reason}", name());
-    }
     let mut source = BufReader::new(File::open(path).with_context(name)?);
-    if let Some(reason) = no_text(source.fill_buf().with_context(name)?) {
+    if let Some(reason) = foreign(source.fill_buf().with_context(name)?) {
         bail!("{}: {reason}", name());
     }
     Ok(Limited {

@@ -5,7 +5,7 @@ use super::limits::Budget;
 use super::message::{FileFindings, RecordedMessage, Visit};
 use super::{compression, mcap, sqlite};
 use crate::config::ConfigFile;
-use crate::log_file::foreign;
+use crate::foreign::foreign_file;
 use serde::Deserialize;
 use std::fs::File;
 use std::io::{BufReader, Read, Write};
@@ -40,18 +40,12 @@ pub(super) struct BagFile {
     storage: Storage,
     /// The decompressed file, if the whole file was compressed.
     plain: Option<NamedTempFile>,
-    /// Whether each message is compressed by zstd.
-    compressed_messages: bool,
     /// What it may hold.
     budget: Budget,
 }
 
 impl BagFile {
-    fn new(
-        path: PathBuf,
-        compressed_messages: bool,
-        max_bytes: Option<u64>,
-    ) -> Result<Self, BagError> {
+    fn new(path: PathBuf, max_bytes: Option<u64>) -> Result<Self, BagError> {
         let content = |reason: &str| BagError::Content {
             file: path.clone(),
             reason: reason.to_owned(),
@@ -62,7 +56,7 @@ impl BagFile {
             file: path.clone(),
             reason,
         };
-        if let Some(reason) = foreign(&path).map_err(unreadable)? {
+        if let Some(reason) = foreign_file(&path).map_err(unreadable)? {
             return Err(content(&reason));
         }
         let size = std::fs::metadata(&path).map_err(unreadable)?.len();
@@ -77,7 +71,6 @@ impl BagFile {
             path,
             storage,
             plain,
-            compressed_messages,
             budget,
         })
     }
@@ -91,6 +84,9 @@ impl BagFile {
     pub(super) fn read(&self, visit: Visit<'_>) -> Result<FileFindings, BagError> {
         let (mut messages, mut chunks) = (self.budget, self.budget);
         let mut decompress = |message: RecordedMessage<'_>| {
+            if !message.data.starts_with(compression::ZSTD) {
+                return visit(message);
+            }
             let (data, cut_off) = compression::zstd(message.data, &mut messages);
             if let Some(reason) = cut_off {
                 return Err(BagError::Content {
@@ -103,11 +99,6 @@ impl BagFile {
                 ..message
             })
         };
-        let visit: Visit<'_> = if self.compressed_messages {
-            &mut decompress
-        } else {
-            visit
-        };
         let at = self
             .plain
             .as_ref()
@@ -115,9 +106,14 @@ impl BagFile {
         match self.storage {
             Storage::Mcap => {
                 let file = File::open(at).map_err(|reason| self.unreadable(reason))?;
-                mcap::read(BufReader::new(file), &self.path, &mut chunks, visit)
+                mcap::read(
+                    BufReader::new(file),
+                    &self.path,
+                    &mut chunks,
+                    &mut decompress,
+                )
             }
-            Storage::Sqlite => sqlite::read(at, &self.path, &mut chunks, visit),
+            Storage::Sqlite => sqlite::read(at, &self.path, &mut chunks, &mut decompress),
         }
     }
 
@@ -176,10 +172,7 @@ pub(super) fn find(
         reason,
     };
     if !std::fs::metadata(path).map_err(read)?.is_dir() {
-        return Ok((
-            vec![BagFile::new(path.to_owned(), false, max_bytes)?],
-            Vec::new(),
-        ));
+        return Ok((vec![BagFile::new(path.to_owned(), max_bytes)?], Vec::new()));
     }
     let metadata = path.join("metadata.yaml");
     if !metadata.exists() {
@@ -199,7 +192,6 @@ pub(super) fn find(
     if information.relative_file_paths.is_empty() {
         return Err(content("relative_file_paths names no file".to_owned()));
     }
-    let by_message = information.compression_mode.eq_ignore_ascii_case("message");
     let format = information.compression_format.as_str();
     if !information.compression_mode.is_empty()
         && !information.compression_mode.eq_ignore_ascii_case("none")
@@ -210,7 +202,7 @@ pub(super) fn find(
         )));
     }
     let files = information.relative_file_paths.into_iter();
-    let files = files.map(|file| BagFile::new(path.join(file), by_message, max_bytes));
+    let files = files.map(|file| BagFile::new(path.join(file), max_bytes));
     Ok((files.collect::<Result<_, _>>()?, Vec::new()))
 }
 
@@ -241,6 +233,6 @@ fn by_name(folder: &Path, max_bytes: Option<u64>) -> Result<Vec<BagFile>, BagErr
     paths.sort_by_key(|path| (number(path), path.clone()));
     paths
         .into_iter()
-        .map(|path| BagFile::new(path, false, max_bytes))
+        .map(|path| BagFile::new(path, max_bytes))
         .collect()
 }

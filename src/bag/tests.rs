@@ -73,6 +73,21 @@ fn an_mcap_file_reads_back_in_order() {
 }
 
 #[test]
+fn compressed_messages_are_read_without_the_metadata_that_says_so() {
+    let compress = |bytes: &[u8]| {
+        ruzstd::encoding::compress_to_vec(bytes, ruzstd::encoding::CompressionLevel::Fastest)
+    };
+    let packed: Vec<Recorded> = thirty()
+        .into_iter()
+        .map(|(topic, kind, time_ns, data)| (topic, kind, time_ns, compress(&data)))
+        .collect();
+    let (_plain, plain) = bag(&thirty());
+    let (_packed, packed) = bag(&packed);
+    let read = |path| texts(&Bag::open(path, None).unwrap());
+    assert_eq!(read(&packed), read(&plain));
+}
+
+#[test]
 fn a_killed_recording_is_read_to_its_last_whole_message_wherever_it_was_cut() {
     let folder = tempdir().unwrap();
     let whole = written(folder.path(), &thirty());

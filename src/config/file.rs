@@ -1,10 +1,12 @@
 use super::geotiff;
 use super::hints::{
-    decoded_xml, indented_by_tab, key_of_value, keys_named, no_text, other_kind, syntax_hint,
+    control_character, decoded_xml, indented_by_tab, key_of_value, keys_named, other_kind,
+    shortened, syntax_hint, type_hint,
 };
 use super::keys::Keys;
 use super::overlay::overlay;
 use super::removed;
+use crate::foreign::{foreign, not_utf8};
 use crate::limits;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -118,25 +120,21 @@ impl ConfigFile {
                 .iter()
                 .any(|ending| found.eq_ignore_ascii_case(ending))
         };
-        let decoded = if has_ending(&["gpx"]) {
-            Some(decoded_xml(&bytes))
-        } else if has_ending(&["tif", "tiff"]) {
-            Some(geotiff::to_esri(&bytes))
-        } else {
-            None
+        let content = |message| ConfigError::Content {
+            file: path.display().to_string(),
+            message,
         };
-        if let Some(decoded) = decoded {
-            let text = decoded.map_err(|message| ConfigError::Content {
-                file: path.display().to_string(),
-                message,
-            })?;
+        // GPX may be UTF-16.
+        if has_ending(&["gpx"]) {
+            let text = decoded_xml(&bytes).map_err(content)?;
             return Ok(Self::with_text(path, text));
         }
-        if let Some(reason) = no_text(&bytes) {
-            return Err(ConfigError::Content {
-                file: path.display().to_string(),
-                message: reason.to_owned(),
-            });
+        if let Some(reason) = foreign(&bytes) {
+            return Err(content(reason));
+        }
+        if has_ending(&["tif", "tiff"]) {
+            let text = geotiff::to_esri(&bytes).map_err(content)?;
+            return Ok(Self::with_text(path, text));
         }
         let text = match String::from_utf8(bytes) {
             Ok(text) => text,
@@ -145,12 +143,7 @@ impl ConfigFile {
             Err(error) if has_ending(&["dbc", "eds", "dcf"]) => {
                 String::from_utf8_lossy(error.as_bytes()).into_owned()
             }
-            Err(error) => {
-                return Err(ConfigError::Content {
-                    file: path.display().to_string(),
-                    message: format!("is not UTF-8 text: {}", error.utf8_error()),
-                });
-            }
+            Err(error) => return Err(content(not_utf8(error.as_bytes(), error.utf8_error()))),
         };
         Ok(Self::with_text(path, text))
     }
@@ -339,12 +332,24 @@ impl ConfigFile {
                 ));
             }
             let message = error.to_string();
+            if message.contains("control characters")
+                && let Some(line) = control_character(&self.text)
+            {
+                return self.error(format!(
+                    "line {line}: has a character that is not visible and not allowed; remove it"
+                ));
+            }
             let keys = Keys::of(&self.text);
             let hint = removed::hint(&keys, &message)
                 .or_else(|| syntax_hint(&message))
                 .or_else(|| other_kind(&self.text, &message))
                 .or_else(|| key_of_value(&keys, &message));
-            self.error(format!("{message}{}", hint.unwrap_or_default()))
+            self.error(format!(
+                "{}{}{}",
+                shortened(&message),
+                hint.unwrap_or_default(),
+                type_hint(&message)
+            ))
         })
     }
 

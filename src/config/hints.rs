@@ -1,6 +1,8 @@
 //! Hints about likely mistakes, where the parser's message says little.
 
 use super::keys::Keys;
+use crate::foreign::{foreign, not_utf8};
+use sidehill_plant::number::likely_mistake;
 
 /// Keys by which a kind of file is known.
 const KINDS: [(&str, &str); 9] = [
@@ -22,8 +24,8 @@ pub(crate) fn decoded_xml(bytes: &[u8]) -> Result<String, String> {
     if let Some((encoding, _)) = encoding_rs::Encoding::for_bom(bytes) {
         return decoded(encoding, bytes);
     }
-    if let Some(reason) = no_text(bytes) {
-        return Err(reason.to_owned());
+    if let Some(reason) = foreign(bytes) {
+        return Err(reason);
     }
     let start = String::from_utf8_lossy(&bytes[..bytes.len().min(DECLARATION)]);
     let declared = start
@@ -42,20 +44,16 @@ pub(crate) fn decoded_xml(bytes: &[u8]) -> Result<String, String> {
 fn decoded(encoding: &'static encoding_rs::Encoding, bytes: &[u8]) -> Result<String, String> {
     let (text, _, faulty) = encoding.decode(bytes);
     if faulty {
-        let line = match std::str::from_utf8(bytes) {
-            Err(error) => {
-                bytes[..error.valid_up_to()]
-                    .iter()
-                    .filter(|b| **b == b'\n')
-                    .count()
-                    + 1
-            }
-            Ok(_) => 1,
+        let reason = match std::str::from_utf8(bytes) {
+            Err(error) if encoding == encoding_rs::UTF_8 => not_utf8(bytes, error),
+            _ => format!(
+                "line 1: is not {} text, as it says; save it as UTF-8",
+                encoding.name()
+            ),
         };
         return Err(format!(
-            "line {line}: is not {} text, as it says or has to be; save it as UTF-8, or declare its encoding in the \
-             first line, as in <?xml version=\"1.0\" encoding=\"windows-1252\"?>",
-            encoding.name()
+            "{reason}, or declare its encoding in the first line, as in <?xml version=\"1.0\" \
+             encoding=\"windows-1252\"?>"
         ));
     }
     Ok(text.into_owned())
@@ -84,23 +82,15 @@ const CONDITIONS: [&str; 6] = [
     "controller",
 ];
 
-/// Returns why bytes are not readable text, if their beginning shows it.
-pub(crate) fn no_text(bytes: &[u8]) -> Option<&'static str> {
-    match bytes {
-        [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..] => {
-            Some("is UTF-16 (\"Unicode\" in some programs); save it as UTF-8")
-        }
-        [0x1F, 0x8B, ..] => Some("is compressed by gzip; unpack it first"),
-        [b'P', b'K', 3, 4, ..] => {
-            Some("is a ZIP archive or a spreadsheet; unpack it, or save it as CSV")
-        }
-        _ => None,
-    }
-}
-
 /// Returns what is likely wrong, for messages of the YAML parser that say little.
 pub(super) fn syntax_hint(message: &str) -> Option<String> {
-    let hint = if message.contains("mapping values are not allowed") {
+    let hint = if message.contains("more than one document") {
+        "; remove the line `---` between them and what follows it"
+    } else if message.contains("unknown field `<<`") {
+        "; merge keys are not read, write out the keys that it stands for"
+    } else if message.contains("expected field index") {
+        "; a number stands in place of a key: is a comma meant as decimal sign? Decimals are written with a point"
+    } else if message.contains("mapping values are not allowed") {
         "; is the line indented too far, or does a text with a colon need quotes?"
     } else if message.contains("could not find expected ':'") {
         "; is there a space after the colon of its key?"
@@ -110,6 +100,49 @@ pub(super) fn syntax_hint(message: &str) -> Option<String> {
         return None;
     };
     Some(hint.to_owned())
+}
+
+/// Returns what is likely wrong with a value that is of another type than a message expects.
+pub(super) fn type_hint(message: &str) -> &'static str {
+    let Some((_, rest)) = message.split_once("invalid type: ") else {
+        return "";
+    };
+    let Some((found, expected)) = rest.split_once(", expected ") else {
+        return "";
+    };
+    let numbers = [
+        "f64", "f32", "u64", "u32", "u16", "u8", "usize", "i64", "i32",
+    ];
+    if found == "unit value" {
+        "; the key has no value"
+    } else if expected.starts_with("a boolean") {
+        "; write true or false"
+    } else if numbers.iter().any(|number| expected.starts_with(number)) {
+        found.split('"').nth(1).map_or("", likely_mistake)
+    } else {
+        ""
+    }
+}
+
+/// Returns a message with the beginning of a long text that it quotes.
+pub(super) fn shortened(message: &str) -> String {
+    const QUOTED: usize = 100;
+    let quoted = message.split_once("string \"").and_then(|(before, rest)| {
+        let (text, after) = rest.rsplit_once("\", expected")?;
+        let (end, _) = text.char_indices().nth(QUOTED)?;
+        Some(format!(
+            "{before}string \"{} ...\", expected{after}",
+            &text[..end]
+        ))
+    });
+    quoted.unwrap_or_else(|| message.to_owned())
+}
+
+/// Returns the line, counted from 1, of the first character that YAML does not allow.
+pub(super) fn control_character(text: &str) -> Option<usize> {
+    let forbidden = |c: char| c.is_control() && !matches!(c, '\n' | '\r' | '\t' | '\u{85}');
+    let line = text.split('\n').position(|line| line.contains(forbidden));
+    line.map(|index| index + 1)
 }
 
 /// Returns which other kind of file a text looks like, if it has the key by which that kind is known and the

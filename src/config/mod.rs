@@ -36,7 +36,6 @@ pub(crate) use draws::{find, put};
 pub use file::{
     Bundle, CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigError, ConfigFile, DEFAULT_SCENARIO, to_yaml,
 };
-pub(crate) use hints::no_text;
 #[cfg(not(target_family = "wasm"))]
 pub use live_odometry::LiveOdometryConfig;
 

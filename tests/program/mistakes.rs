@@ -65,6 +65,46 @@ fn files_of_another_format_are_recognised() {
             "give latitude and longitude as GPX",
         ),
         (
+            "receiver.csv",
+            b"$GNGGA,1,4500.0,N,00700.0,E,4,12,0.8,210.0,M,48.0,M,1.0,0000*5E\r\n".to_vec(),
+            "is NMEA; `gpsbabel -i nmea",
+        ),
+        (
+            "track.gpx",
+            b"<?xml version=\"1.0\"?>\n<kml><Document/></kml>".to_vec(),
+            "is KML; `gpsbabel -i kml",
+        ),
+        (
+            "umlaut.yaml",
+            b"name: a\nslope_deg: 5 # 5\xB0\n".to_vec(),
+            "line 2: is not UTF-8 text; save it as UTF-8",
+        ),
+        (
+            "umlaut.csv",
+            [log().as_bytes(), b"5,0.6,0.6,0.03,0.02,0,\xFC,0,0\n"].concat(),
+            "line 102: is not UTF-8 text; save it as UTF-8",
+        ),
+        (
+            "echo.csv",
+            b"1700000000,0,odom,base_link,0.0,0.0,0.0\n".to_vec(),
+            "the first line must name the columns",
+        ),
+        (
+            "excel.csv",
+            format!("sep=,\r\n{}", log()).into_bytes(),
+            "remove this line, which is one for spreadsheets",
+        ),
+        (
+            "excel_path.csv",
+            b"sep=;\nx_m;y_m\n0;0\n1;0\n".to_vec(),
+            "remove this line",
+        ),
+        (
+            "prose.yaml",
+            "to be written ".repeat(9000).into_bytes(),
+            " ...\", expected a YAML mapping",
+        ),
+        (
             "waypoints.gpx",
             b"<gpx version=\"1.1\"><wpt lat=\"45\" lon=\"7\"/></gpx>".to_vec(),
             "waypoints are no path",
@@ -72,6 +112,7 @@ fn files_of_another_format_are_recognised() {
     ] {
         let message = complaint(name, &bytes);
         assert_says(&message, &[name, says]);
+        assert!(message.len() < 1000, "{message}");
     }
     let folder = repository("config/vehicles");
     let message = fail(sidehill().arg("simulate").arg(&folder));
@@ -107,6 +148,26 @@ fn mistakes_in_logs_name_the_likely_unit() {
             "backwards.csv",
             log().replacen("\n0.50,", "\n0.10,", 1),
             &["row 11", "time 0.1 s goes back from 0.45 s"],
+        ),
+        (
+            "comma.csv",
+            log().replacen("0.02,", "\"0,02\",", 1),
+            &[
+                "row 1",
+                "pitch_rad",
+                "\"0,02\"",
+                "decimals are written with a point",
+            ],
+        ),
+        (
+            "clock.csv",
+            log().replacen("0.05,", "10:00:00.05,", 1),
+            &["row 2", "time_s", "a time is a number of seconds"],
+        ),
+        (
+            "cut.csv",
+            log()[..log().len() - 12].to_owned(),
+            &["line 101", "if the file was cut off there, remove the line"],
         ),
         (
             "header.csv",
@@ -183,6 +244,25 @@ fn mistakes_in_yaml_say_what_to_look_for() {
             "terrain: {kind: level, slope_deg: 8}",
             &["slope_deg", "this kind has no further keys", "line 3"],
         ),
+        (
+            "slope_deg: 8,",
+            "slope_deg: 8,5,",
+            &["a number stands in place of a key", "with a point"],
+        ),
+        (
+            "slope_deg: 8,",
+            "slope_deg: \"8,5\",",
+            &["`slope_deg` (line 3)", "with a point"],
+        ),
+        ("slope_deg: 8,", "slope_deg: 8 deg,", &["without a unit"]),
+        ("seed: 1", "seed:", &["line 7", "the key has no value"]),
+        ("seed: 1", "<<: {seed: 1}", &["merge keys are not read"]),
+        (
+            "seed: 1",
+            "seed: 1\n---\nseed: 2",
+            &["remove the line `---`"],
+        ),
+        ("seed: 1", "seed: 1\u{7}", &["line 7", "not visible"]),
     ] {
         assert!(scenario.contains(from), "{from}");
         let message = complaint("changed.yaml", scenario.replace(from, to).as_bytes());
@@ -191,6 +271,13 @@ fn mistakes_in_yaml_say_what_to_look_for() {
     }
     let ros2 = text("config/bridge/run_ros2.yaml")
         .replace("../", &format!("{}/", repository("config").display()));
+    let wrong = ros2.replace("use_orientations: false", "use_orientations: off");
+    assert_ne!(wrong, ros2);
+    let message = complaint("run.yaml", wrong.as_bytes());
+    assert_says(
+        &message,
+        &["use_orientations", "\"off\"", "write true or false"],
+    );
     let wrong = ros2.replace("odometry: odom # nav", "odometry: my odom # nav");
     assert_ne!(wrong, ros2);
     let message = complaint("run.yaml", wrong.as_bytes());
