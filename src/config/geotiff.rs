@@ -9,15 +9,32 @@ use tiff::tags::Tag;
 /// Most bytes of the heights: 16 million of double precision.
 const HEIGHTS_MAX: usize = 128_000_000;
 /// Keys of the directory of GeoTIFF 1.1, with the values that matter.
-const MODEL_TYPE: (u16, u16) = (1024, 2);
-const RASTER_TYPE: (u16, u16) = (1025, 2);
+const MODEL_TYPE: u16 = 1024;
+/// Latitude and longitude; the others are a projection, or none that is known.
+const GEOGRAPHIC: u16 = 2;
+const GEOCENTRIC: u16 = 3;
+const RASTER_TYPE: u16 = 1025;
+const POINTS: u16 = 2;
+const GEODETIC: u16 = 2048;
+const LINEAR_UNIT: u16 = 3076;
+const VERTICAL_UNIT: u16 = 4099;
+/// Units by their numbers in the registry of the EPSG.
+const METRE: u16 = 9001;
+const USER_DEFINED: u16 = 32767;
+/// Where GDAL keeps scale, offset and unit of the heights, as XML.
+const GDAL_METADATA: Tag = Tag::Unknown(42112);
 
 /// Returns the text of the grid in a file with one band of heights.
 ///
 /// # Errors
 /// What the grid lacks, with the command of GDAL that mends it.
 pub(super) fn to_esri(bytes: &[u8]) -> Result<String, String> {
-    let failed = |error: tiff::TiffError| format!("not readable as GeoTIFF: {error}");
+    let failed = |error: tiff::TiffError| {
+        format!(
+            "not readable as GeoTIFF: {error}; if GDAL reads it, `gdal_translate -ot Float32 -co COMPRESS=DEFLATE FILE \
+             OUT.tif` writes a usual one"
+        )
+    };
     let mut limits = Limits::default();
     limits.decoding_buffer_size = HEIGHTS_MAX;
     limits.intermediate_buffer_size = HEIGHTS_MAX;
@@ -32,13 +49,45 @@ pub(super) fn to_esri(bytes: &[u8]) -> Result<String, String> {
     let keys = decoder.get_tag_u16_vec(Tag::GeoKeyDirectoryTag).ok();
     let keys = keys.unwrap_or_default();
     // A header of four numbers, then for each key its number, place, count and value.
-    let says = |(key, value): (u16, u16)| {
+    let value = |key: u16| {
         let mut entries = keys.chunks_exact(4).skip(1);
-        entries.any(|entry| entry[0] == key && entry[3] == value)
+        entries.find(|entry| entry[0] == key).map(|entry| entry[3])
     };
-    if says(MODEL_TYPE) {
+    let model = value(MODEL_TYPE).or(value(GEODETIC).map(|_| GEOGRAPHIC));
+    if matches!(model, Some(GEOGRAPHIC | GEOCENTRIC)) {
         return Err(
-            "its places are in degrees, must be in m; `gdalwarp -t_srs EPSG:... FILE OUT` projects it, as to UTM"
+            "its places are in degrees or from the centre of the earth, must be in m; `gdalwarp -t_srs EPSG:... FILE OUT` \
+             projects it, as to UTM"
+                .to_owned(),
+        );
+    }
+    let other_unit = |key| value(key).filter(|unit| !matches!(*unit, METRE | USER_DEFINED));
+    if let Some(unit) = other_unit(LINEAR_UNIT) {
+        return Err(format!(
+            "its places are in the unit EPSG:{unit}, as feet are, must be in m; `gdalwarp -t_srs EPSG:... FILE OUT` projects \
+             it, as to UTM"
+        ));
+    }
+    let metadata = decoder.get_tag_ascii_string(GDAL_METADATA).ok();
+    let metadata = metadata.unwrap_or_default();
+    let item = |role: &str| {
+        let (_, rest) = metadata.split_once(&format!("role=\"{role}\""))?;
+        let (_, rest) = rest.split_once('>')?;
+        rest.split('<').next().map(str::trim)
+    };
+    let metres = ["", "m", "metre", "metres", "meter", "meters"];
+    let unit = item("unittype").filter(|unit| !metres.contains(&unit.to_lowercase().as_str()));
+    let unit = unit.map(str::to_owned);
+    if let Some(unit) = unit.or(other_unit(VERTICAL_UNIT).map(|unit| format!("EPSG:{unit}"))) {
+        return Err(format!(
+            "its heights are in the unit {unit}, must be in m; for feet `gdal_calc.py -A FILE --calc='0.3048*A' \
+             --type=Float32 --outfile=OUT.tif` converts them"
+        ));
+    }
+    let is = |role, number: f64| item(role).is_none_or(|text| text.parse() == Ok(number));
+    if !is("scale", 1.0) || !is("offset", 0.0) {
+        return Err(
+            "its heights have a scale or an offset; `gdal_translate -unscale -ot Float32 FILE OUT.tif` applies them"
                 .to_owned(),
         );
     }
@@ -54,10 +103,15 @@ pub(super) fn to_esri(bytes: &[u8]) -> Result<String, String> {
         );
     };
     let (columns, rows) = decoder.dimensions().map_err(failed)?;
-    // The text of a value that GDAL could not read either.
     let nodata = decoder.get_tag_ascii_string(Tag::GdalNodata).ok();
     let nodata = nodata.map(|text| text.trim_matches(['\0', ' ']).to_owned());
-    let (place, below) = if says(RASTER_TYPE) {
+    let nodata = nodata.filter(|text| !text.is_empty());
+    if let Some(text) = nodata.as_ref().filter(|text| text.parse::<f64>().is_err()) {
+        return Err(format!(
+            "its NODATA value {text:?} is no number; `gdal_edit.py -a_nodata -9999 FILE` sets one"
+        ));
+    }
+    let (place, below) = if value(RASTER_TYPE) == Some(POINTS) {
         ("center", f64::from(rows) - 1.0)
     } else {
         ("corner", f64::from(rows))
@@ -67,7 +121,7 @@ pub(super) fn to_esri(bytes: &[u8]) -> Result<String, String> {
     let mut out = format!(
         "ncols {columns}\nnrows {rows}\nxll{place} {west_m}\nyll{place} {south_m}\ndx {dx_m}\ndy {dy_m}\n"
     );
-    if let Some(nodata) = nodata.filter(|text| !text.is_empty()) {
+    if let Some(nodata) = nodata {
         let _ = writeln!(out, "NODATA_value {nodata}");
     }
     match decoder.read_image().map_err(failed)? {
@@ -107,6 +161,10 @@ mod tests {
 
     /// A grid of 3 by 2 cells of 2 m, whose northwest corner is at 100, 50.
     fn written(heights: &[f32], keys: &[u16], nodata: &str) -> Vec<u8> {
+        with_metadata(heights, keys, nodata, "")
+    }
+
+    fn with_metadata(heights: &[f32], keys: &[u16], nodata: &str, metadata: &str) -> Vec<u8> {
         let mut bytes = Cursor::new(Vec::new());
         let mut encoder = TiffEncoder::new(&mut bytes).unwrap();
         let mut image = encoder.new_image::<colortype::Gray32Float>(3, 2).unwrap();
@@ -120,6 +178,7 @@ mod tests {
         .unwrap();
         tags.write_tag(Tag::GeoKeyDirectoryTag, keys).unwrap();
         tags.write_tag(Tag::GdalNodata, nodata).unwrap();
+        tags.write_tag(GDAL_METADATA, metadata).unwrap();
         image.write_data(heights).unwrap();
         bytes.into_inner()
     }
@@ -146,6 +205,46 @@ mod tests {
         let bytes = written(&HEIGHTS, &PROJECTED, "-1");
         let error = GridTerrain::parse(&to_esri(&bytes).unwrap()).unwrap_err();
         assert!(error.to_string().contains("row 2, column 3"), "{error}");
+    }
+
+    #[test]
+    fn heights_and_places_in_other_units_are_refused_with_the_remedy() {
+        let keys = |more: &[u16]| [&PROJECTED[..], more].concat();
+        for (keys, metadata, says) in [
+            // Survey feet, international feet; latitude and longitude by their system alone.
+            (keys(&[3076, 0, 1, 9003]), "", "EPSG:9003"),
+            (
+                keys(&[4099, 0, 1, 9002]),
+                "",
+                "heights are in the unit EPSG:9002",
+            ),
+            (vec![1, 1, 0, 1, 2048, 0, 1, 4326], "", "degrees"),
+            (vec![1, 1, 0, 1, 1024, 0, 1, 3], "", "centre of the earth"),
+            (
+                keys(&[]),
+                "<Item name=\"UNITTYPE\" sample=\"0\" role=\"unittype\">US survey foot</Item>",
+                "US survey foot",
+            ),
+            (
+                keys(&[]),
+                "<GDALMetadata>\n<Item name=\"SCALE\" sample=\"0\" role=\"scale\">0.1</Item>\n</GDALMetadata>",
+                "-unscale",
+            ),
+            (
+                keys(&[]),
+                "<Item name=\"OFFSET\" sample=\"0\" role=\"offset\">-500</Item>",
+                "-unscale",
+            ),
+        ] {
+            let error = to_esri(&with_metadata(&HEIGHTS, &keys, "-1", metadata)).unwrap_err();
+            assert!(error.contains(says), "{error}");
+        }
+        let metres =
+            "<Item name=\"SCALE\" role=\"scale\">1</Item><Item role=\"unittype\">metre</Item>";
+        let keys = keys(&[3076, 0, 1, 9001, 4099, 0, 1, 9001]);
+        assert!(to_esri(&with_metadata(&HEIGHTS, &keys, "-1", metres)).is_ok());
+        let error = to_esri(&written(&HEIGHTS, &PROJECTED, "none")).unwrap_err();
+        assert!(error.contains("\"none\" is no number"), "{error}");
     }
 
     #[test]
