@@ -44,6 +44,36 @@ const JUMP_MIN_M: f64 = 30.0;
 /// Shortest gap that is worth a note, m.
 const GAP_MIN_M: f64 = 2.0;
 
+/// Shortest jump that two publishers of one topic show, m, and its least speed, m/s, often enough that no noise is so.
+const PUBLISHERS_APART_M: f64 = 0.5;
+const PUBLISHERS_APART_M_S: f64 = 20.0;
+const RETURNS_MIN: usize = 10;
+
+/// Refuses positions that jump away and back again and again, as those of two publishers of one topic do.
+///
+/// # Errors
+/// How often they do.
+pub(super) fn one_publisher(positions: &[(i64, [f64; 3])]) -> Result<()> {
+    let leg_m = |from: &[f64; 3], to: &[f64; 3]| (to[0] - from[0]).hypot(to[1] - from[1]);
+    let returns = positions.windows(3).filter(|three| {
+        let [(_, before), (away_ns, away), (back_ns, back)] = three else {
+            return false;
+        };
+        let back_m = leg_m(away, back);
+        back_m > PUBLISHERS_APART_M.max(PUBLISHERS_APART_M_S * seconds(*away_ns, *back_ns))
+            && leg_m(before, back) < 0.5 * back_m
+    });
+    let count = returns.count();
+    if count >= RETURNS_MIN && 20 * count > positions.len() {
+        bail!(
+            "{count} of {} times the position jumps away and is back with the next message: two programs publish on one \
+             topic; record each on a topic of its own",
+            positions.len()
+        );
+    }
+    Ok(())
+}
+
 /// Returns a note about the longest straight line between two positions that nothing was recorded of.
 ///
 /// # Errors
@@ -52,6 +82,7 @@ pub(super) fn gap(positions: &[(i64, [f64; 3])]) -> Result<Option<String>> {
     let Some((start_ns, _)) = positions.first() else {
         return Ok(None);
     };
+    one_publisher(positions)?;
     let steps: Vec<(f64, f64, f64)> = positions
         .windows(2)
         .map(|pair| {
@@ -164,6 +195,11 @@ impl Fixes {
     pub(super) fn notes(&self) -> Result<Vec<String>> {
         let mut notes = Vec::new();
         let without = self.without_position;
+        if self.fixes.is_empty() && without > 0 {
+            bail!(
+                "none of its {without} fixes has a position: the receiver had no fix, or no view of the sky; record anew"
+            );
+        }
         if without > 0 {
             notes.push(format!("{without} fixes without a position are left out"));
         }
@@ -207,5 +243,35 @@ impl Fixes {
         let origin = self.origin();
         let point = |(_, fix): &(i64, Fix)| fix.position(&origin?);
         self.fixes.iter().filter_map(point).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_publishers_of_one_topic_are_refused_and_noise_is_not() {
+        let drive = |aside_m: &dyn Fn(i64) -> f64, period_ns: i64| {
+            let place = |step| (step * period_ns, [0.03 * step as f64, aside_m(step), 0.0]);
+            let positions: Vec<_> = (0..200).map(place).collect();
+            one_publisher(&positions).map_err(|error| error.to_string())
+        };
+        let two = |step: i64| if step % 2 == 0 { 0.0 } else { 1.5 };
+        let error = drive(&two, 25_000_000).unwrap_err();
+        assert!(
+            error.contains("198 of 200 times") && error.contains("two programs publish"),
+            "{error}"
+        );
+        // One that publishes at a fifth of the other's rate.
+        let rare = |step: i64| if step % 6 == 5 { 2.0 } else { 0.0 };
+        assert!(drive(&rare, 20_000_000).is_err());
+        // The noise of a receiver at 5 Hz, and stray positions.
+        drive(&two, 200_000_000).unwrap();
+        drive(
+            &|step| f64::from(u8::from(step % 70 == 50)) * 20.0,
+            25_000_000,
+        )
+        .unwrap();
     }
 }

@@ -122,7 +122,8 @@ impl Joints {
         }
         if self.joints.values().all(Vec::is_empty) {
             bail!(
-                "{bag}: {topic} gives no tread speeds: its messages have no velocities; its joints are: {there}"
+                "{bag}: {topic} gives no tread speeds: its messages have no velocities; its joints are: {there}; \
+                 `tread_speeds: {{kind: odometry, track_width_m: ...}}` takes them from odometry of the wheels"
             );
         }
         let by_name = [wheels.left, wheels.right].map(<[String]>::is_empty);

@@ -4,13 +4,13 @@ use super::choice::{
     Attitudes, Chosen, IMU, JOINT_STATE, NAV_SAT_FIX, ODOMETRY, POSE_STAMPED, POSE_WITH_COVARIANCE,
     PoseSource, TF_MESSAGE, TreadSpeedSource,
 };
-use super::fixes::Fixes;
+use super::fixes::{Fixes, one_publisher};
 use super::interpolation::{Timed, in_order, seconds};
 use super::joints::{Joints, WheelJoints};
 use super::topics::{ImuAxes, StampSource};
 use super::transform_poses::TransformPoses;
 use crate::bag::{Bag, BagError, RecordedMessage};
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 use serde::de::DeserializeOwned;
 use sidehill_bridge::ros2::conversions::{from_pose, from_quaternion, from_transform, nanoseconds};
@@ -390,11 +390,15 @@ impl<'a> Collected<'a> {
         for (_, pose) in &mut self.poses {
             pose.yaw_rad += self.chosen.heading_offset_rad;
         }
+        let poses = in_order(self.poses);
+        let place = |(time_ns, pose): &(i64, Pose)| (*time_ns, [pose.x_m, pose.y_m, pose.z_m]);
+        let places: Timed<[f64; 3]> = poses.iter().map(place).collect();
+        one_publisher(&places).with_context(|| format!("{}: poses", self.bag.path().display()))?;
         Ok(Series {
             sources: Sources {
                 tread_speeds: in_order(self.tread_speeds),
                 attitudes,
-                poses: in_order(self.poses),
+                poses,
             },
             notes,
         })
@@ -412,7 +416,8 @@ impl<'a> Collected<'a> {
             };
             if *count == taken.count {
                 bail!(
-                    "{}, topic {name}: none of its {count} messages can be used; of the first {reason}",
+                    "{}, topic {name}: none of its {count} messages can be used; of the first {reason}; a topic map (--topics) names \
+                     other sources",
                     self.bag.path().display()
                 );
             }

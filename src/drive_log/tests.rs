@@ -683,6 +683,11 @@ fn a_route_knows_no_heights_gaps_or_jumps_that_were_not_recorded() {
         "{:?}",
         gone.notes
     );
+    let error = drive(&|_| Some([f64::NAN; 3])).unwrap_err();
+    assert!(
+        error.contains("none of its 100 fixes has a position"),
+        "{error}"
+    );
     let error =
         drive(&|step| Some([at(step) + f64::from(u8::from(step > 50)), 11.3, 300.0])).unwrap_err();
     assert!(
