@@ -147,10 +147,11 @@ def test_it_stops_when_commands_cease_or_are_no_numbers(vehicle, peer):
         with commanded(command, twist(0.6, 0.0)):
             wait_for(lambda: rover.now()["traction_m_s"] > 0.5, "driving")
         wait_for(stands_off, "standing after silence")
-    with commanded(command, twist(0.6, 0.0)):
-        wait_for(lambda: rover.now()["traction_m_s"] > 0.5, "driving")
-    with commanded(command, twist(math.nan, 0.0)):
-        wait_for(stands_off, "standing while commands are no numbers")
+    for speed in (math.nan, 1e308):
+        with commanded(command, twist(0.6, 0.0)):
+            wait_for(lambda: rover.now()["traction_m_s"] > 0.5, "driving")
+        with commanded(command, twist(speed, 0.0)):
+            wait_for(stands_off, f"standing while {speed} m/s are commanded")
 
 
 def test_an_emergency_stop_is_told_and_holds_until_zero_is_commanded(vehicle, peer):

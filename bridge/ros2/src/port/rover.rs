@@ -13,6 +13,9 @@ use sidehill_bridge::ros2::message::{
 };
 use sidehill_bridge::ros2::rover::{CommandKind, GNSS_FRAME, Report, RosVehicle, map_from_odom};
 
+/// Fastest command that is no damaged message, m/s: drives limit what they are told, but a number may be any.
+const COMMAND_MAX_M_S: f64 = 1e3;
+
 /// A vehicle's node: sends reports and hears commands, and never waits for either.
 pub struct VehicleNode {
     odometry: Publisher<Odometry>,
@@ -132,8 +135,18 @@ impl VehicleNode {
         self.unsent
     }
 
-    /// Returns the newest command that has arrived since the last call.
+    /// Returns the newest command that has arrived since the last call, unless no vehicle can have been meant.
     pub fn command(&mut self, vehicle: &RosVehicle) -> Option<MeasuredMotorSpeeds> {
+        let command = self.newest_command(vehicle)?;
+        let fastest_m_s = command.traction_m_s.abs().max(command.steer_m_s.abs());
+        if fastest_m_s > COMMAND_MAX_M_S {
+            self.refused += 1;
+            return None;
+        }
+        Some(command)
+    }
+
+    fn newest_command(&mut self, vehicle: &RosVehicle) -> Option<MeasuredMotorSpeeds> {
         let (twist, joints) = (vehicle.twist(), &vehicle.config().joints);
         let refused = &mut self.refused;
         match &mut self.commands {
