@@ -15,6 +15,7 @@ pub(crate) use datum::datum;
 
 use crate::console;
 use crate::output;
+use crate::recording::damage;
 use crate::simulate::Format;
 use anyhow::{Context, Result, ensure};
 use facts::DriveFacts;
@@ -91,8 +92,9 @@ fn read(recording: &Path, limits: &LimitArgs) -> Result<(DecodedRecording, Drive
     let input = DecodedRecording::read(recording)?;
     ensure!(
         !input.steps.is_empty(),
-        "{}: there is no step of a controller in it, so nothing to report; recordings of `run` and `simulate` have them",
-        recording.display()
+        "{}: there is no step of a controller in it, so nothing to report; recordings of `run` and `simulate` have them{}",
+        recording.display(),
+        damage(input.damaged.as_deref())
     );
     let facts = DriveFacts::of(&input);
     let limits = limits.judge(&facts);

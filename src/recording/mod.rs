@@ -20,6 +20,13 @@ use std::path::Path;
 use std::sync::PoisonError;
 use std::time::{SystemTime, UNIX_EPOCH};
 
+/// Returns why a recording was not read to its end, to follow a message about what it lacks.
+pub fn damage(reason: Option<&str>) -> String {
+    reason.map_or_else(String::new, |reason| {
+        format!("; it was not read to its end: {reason}")
+    })
+}
+
 /// Names of the facts in the header of a recording.
 pub mod fact {
     /// Version of the program.

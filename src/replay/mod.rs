@@ -11,7 +11,7 @@ mod report;
 use crate::console;
 use crate::exit::Exit;
 use crate::output;
-use crate::recording::{self, fact, target};
+use crate::recording::{self, damage, fact, target};
 use crate::simulate::Format;
 use anyhow::{Context, Result, ensure};
 pub use args::ReplayArgs;
@@ -56,8 +56,9 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
     let named = || args.recording.display().to_string();
     ensure!(
         !recording.cycles.is_empty(),
-        "{}: there is no step of a controller in it",
-        named()
+        "{}: there is no step of a controller in it{}",
+        named(),
+        damage(recording.damaged.as_deref())
     );
     if let Some(report) = &args.report {
         output::check_writable(report, args.force)?;

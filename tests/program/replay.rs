@@ -47,6 +47,20 @@ fn a_recording_is_replayed_bit_by_bit_wherever_it_is() {
 }
 
 #[test]
+fn a_recording_with_a_changed_bit_is_not_reported_as_measured() {
+    let course = Course::new("");
+    let file = record(&course, "pure-pursuit", "drive.mcap");
+    let mut bytes = std::fs::read(&file).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 4;
+    std::fs::write(&file, bytes).unwrap();
+    for command in ["report", "replay"] {
+        let message = fail(sidehill().arg(command).arg(&file));
+        assert_says(&message, &["drive.mcap", "not read to its end", "checksum"]);
+    }
+}
+
+#[test]
 fn a_yaw_rate_is_recorded_and_replayed() {
     let sensors = |yaw_rate: &str| {
         format!(
