@@ -425,7 +425,7 @@ impl<'a> HorizonInputs<'a> {
             if !asked.ends {
                 // Errors count by the way that is driven with them, ahead or back: to stand beside the path must not be
                 // cheap.
-                errors_share = asked.pace.abs().clamp(PACE_MIN, 1.0);
+                errors_share = asked.pace.abs().clamp(PACE_MIN, 1.0).powi(2);
             }
         }
         StageTarget {
