@@ -149,13 +149,13 @@ fn a_recording_judges_settings_of_the_estimator() {
         (&true.into(), &"recording".into())
     );
     let after = printed["settings"][0]["after"].as_f64().unwrap();
-    assert!(after > 0.02, "{printed}");
+    assert!(after > 0.01, "{printed}");
     let held_out = &printed["held_out"];
     assert!(held_out["runs"]["start"] == printed["training"]["runs"]["end"]);
     let of = |which: &str, figure: &str| held_out[which][figure].as_f64().unwrap();
-    for (figure, most) in [("median_m", 0.85), ("p95_m", 0.6)] {
+    for figure in ["median_m", "p95_m"] {
         let share = of("after", figure) / of("before", figure);
-        assert!(share < most, "{figure} {share}: {printed}");
+        assert!(share < 0.85, "{figure} {share}: {printed}");
     }
     assert_says(&bad.text("found.yaml"), &[&format!("slope_sigma: {after}")]);
     assert_says(
