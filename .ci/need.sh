@@ -1,13 +1,18 @@
 # Sourced by the scripts beside it: installs what a job needs on Debian or Ubuntu.
 
-# apt_install PACKAGE...: installs Debian packages; jobs beside each other take turns.
-apt_install() {
-    if [ "$(id -u)" -eq 0 ]; then as_root=; else as_root=sudo; fi
+# in_turn COMMAND [ARGUMENT...]: jobs beside each other install one after the other.
+in_turn() {
     (
         flock 9
-        $as_root apt-get update
-        $as_root apt-get install --yes --no-install-recommends "$@"
-    ) 9>"${TMPDIR:-/tmp}/sidehill-ci-apt"
+        "$@" 9>&-
+    ) 9>"${TMPDIR:-/tmp}/sidehill-ci-install"
+}
+
+# apt_install PACKAGE...: installs Debian packages.
+apt_install() {
+    if [ "$(id -u)" -eq 0 ]; then as_root=; else as_root=sudo; fi
+    in_turn $as_root apt-get update
+    in_turn $as_root apt-get install --yes --no-install-recommends "$@"
 }
 
 # need COMMAND PACKAGE: installs the Debian package that has the command.
@@ -30,7 +35,12 @@ need_library() {
 
 # need_component COMMAND COMPONENT: installs the toolchain component that has `cargo COMMAND`.
 need_component() {
-    cargo "$1" --version >/dev/null 2>&1 || rustup component add "$2"
+    cargo "$1" --version >/dev/null 2>&1 || in_turn rustup component add "$2"
+}
+
+# need_target TRIPLE: installs Rust's library of a platform; fails where it cannot be had.
+need_target() {
+    [ -d "$(rustc --print target-libdir --target "$1")" ] || in_turn rustup target add "$1"
 }
 
 # need_python MODULES PACKAGE...: installs the Python packages where one of the modules is missing.
@@ -41,5 +51,5 @@ need_python() {
     python3 -c "import $modules" 2>/dev/null && return
     python3 -m pip --version >/dev/null 2>&1 || need pip3 python3-pip
     # Debian and Ubuntu guard the system's packages; a CI machine has nothing to guard.
-    PIP_BREAK_SYSTEM_PACKAGES=1 python3 -m pip install --quiet "$@"
+    in_turn env PIP_BREAK_SYSTEM_PACKAGES=1 python3 -m pip install --quiet "$@"
 }

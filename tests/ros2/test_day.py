@@ -212,11 +212,11 @@ def test_a_stretch_of_a_route_is_driven_again(start, vehicle, tmp_path):
     begins = rover.now()
     heading = begins["yaw_rad"] + math.pi / 2
     come_m = lambda: math.dist((rover.now()["x_m"], rover.now()["y_m"]), (begins["x_m"], begins["y_m"]))
-    config = adapted("run_ros2.yaml", {}, tmp_path)
+    # It stops within 1 s and 0.25 m or more, so that the point is on the ramp whenever the signal arrives.
+    config = adapted("run_ros2.yaml", {"^  feedback_timeout_s: .*$": "  feedback_timeout_s: 0.3\n  deceleration_m_s2: 0.25"}, tmp_path)
     run = start("run", config)
     points = straight(6.0, (begins["x_m"], begins["y_m"]), heading, step_m=1.0)
-    # The second is on the ramp of the stop.
-    points.insert(5, straight(4.07, points[0], heading, step_m=4.07)[1])
+    points.insert(5, straight(4.3, points[0], heading, step_m=4.3)[1])
     actions = {2: "probe", 5: "ramp"}
     rows = [f"{x},{y},{actions.get(index, '')}" for index, (x, y) in enumerate(points)]
     (tmp_path / "lane.csv").write_text("\n".join(["x_m,y_m,action", *rows]))
