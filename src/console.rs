@@ -6,10 +6,7 @@
 use crate::exit::Exit;
 use anyhow::Result;
 use std::fmt::Display;
-use std::fs::File;
 use std::io::Write;
-use std::os::fd::AsFd;
-use std::os::unix::fs::MetadataExt;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
@@ -48,13 +45,21 @@ impl Level {
 
 /// Returns whether the journal of systemd reads a stream: systemd names the stream's device and inode in
 /// `JOURNAL_STREAM`, which programs that write elsewhere inherit as well.
-pub fn is_journal(stream: &impl AsFd) -> bool {
+#[cfg(unix)]
+pub fn is_journal(stream: &impl std::os::fd::AsFd) -> bool {
+    use std::os::unix::fs::MetadataExt;
     let Ok(journal) = std::env::var("JOURNAL_STREAM") else {
         return false;
     };
     let stream = stream.as_fd().try_clone_to_owned();
-    let file = stream.and_then(|stream| File::from(stream).metadata());
+    let file = stream.and_then(|stream| std::fs::File::from(stream).metadata());
     file.is_ok_and(|file| format!("{}:{}", file.dev(), file.ino()) == journal)
+}
+
+/// Other systems have no journal.
+#[cfg(not(unix))]
+pub fn is_journal<T>(_: &T) -> bool {
+    false
 }
 
 /// Prints `text` without a line break.

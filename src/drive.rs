@@ -6,7 +6,6 @@ use crate::simulate::Format;
 use anyhow::{Error, anyhow};
 use sidehill_controller::path::Point2;
 use std::io::ErrorKind;
-use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 use std::process::Command;
 
@@ -23,9 +22,7 @@ pub fn hand_over() -> Error {
         .map(|own| own.with_file_name(PROGRAM))
         .filter(|path| path.is_file());
     let program = beside.unwrap_or_else(|| PathBuf::from(PROGRAM));
-    let error = Command::new(&program)
-        .args(std::env::args_os().skip(1))
-        .exec();
+    let error = become_program(Command::new(&program).args(std::env::args_os().skip(1)));
     if error.kind() == ErrorKind::NotFound {
         return anyhow!(
             "{PROGRAM}: this command is of the program {PROGRAM}, which is neither beside this one nor on PATH; from a \
@@ -34,6 +31,20 @@ pub fn hand_over() -> Error {
         );
     }
     anyhow!("{}: {error}", program.display())
+}
+
+#[cfg(unix)]
+fn become_program(command: &mut Command) -> std::io::Error {
+    std::os::unix::process::CommandExt::exec(command)
+}
+
+/// Where no program can take the place of another, this one waits for it.
+#[cfg(not(unix))]
+fn become_program(command: &mut Command) -> std::io::Error {
+    match command.status() {
+        Ok(status) => std::process::exit(status.code().unwrap_or(1)),
+        Err(error) => error,
+    }
 }
 
 /// Arguments of `sidehill run`.

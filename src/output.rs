@@ -65,11 +65,12 @@ pub fn check_writable(path: &Path, force: bool) -> Result<()> {
 pub fn write(path: &Path, bytes: &[u8], force: bool) -> Result<()> {
     check_free(&[path], force)?;
     let failed = || format!("{}: cannot be written", path.display());
-    let mut file = tempfile::Builder::new()
-        .prefix(".sidehill")
-        .permissions(permissions())
-        .tempfile_in(folder(path))
-        .with_context(failed)?;
+    let mut temporary = tempfile::Builder::new();
+    temporary.prefix(".sidehill");
+    // Readable by everyone, as files usually are; temporary files are not by default.
+    #[cfg(unix)]
+    temporary.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o644));
+    let mut file = temporary.tempfile_in(folder(path)).with_context(failed)?;
     file.write_all(bytes).with_context(failed)?;
     file.as_file().sync_data().with_context(failed)?;
     // A file that came while this one was made stays.
@@ -121,11 +122,6 @@ fn folder(path: &Path) -> &Path {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     }
-}
-
-/// Readable by everyone, as files usually are; temporary files are not by default.
-fn permissions() -> std::fs::Permissions {
-    std::os::unix::fs::PermissionsExt::from_mode(0o644)
 }
 
 #[cfg(test)]

@@ -1,9 +1,6 @@
 //! Messages of long work for the user: progress, and the result of an interrupt.
 
 use crate::console;
-use crate::exit::Exit;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use signal_hook::iterator::Signals;
 use std::io::IsTerminal;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -128,19 +125,30 @@ impl Drop for Notice {
 }
 
 /// Makes an interrupt print `message` and end the program at once. Only for work whose files are written atomically
-/// or line by line, never while driving a vehicle.
+/// or line by line, never while driving a vehicle. Where the system is not a Unix, an interrupt ends it without the message.
 ///
 /// # Errors
 /// The system cannot watch signals or start a thread.
+#[cfg(unix)]
 pub fn explain_interrupt(message: impl Fn() -> String + Send + 'static) -> std::io::Result<()> {
-    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+    let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM, SIGHUP])?;
     std::thread::Builder::new()
         .name("interrupt".to_owned())
         .spawn(move || {
             if signals.forever().next().is_some() {
                 console::complain(message());
-                std::process::exit(Exit::Interrupted as i32);
+                std::process::exit(crate::exit::Exit::Interrupted as i32);
             }
         })?;
+    Ok(())
+}
+
+/// An interrupt ends the program without a message.
+///
+/// # Errors
+/// None.
+#[cfg(not(unix))]
+pub fn explain_interrupt(_: impl Fn() -> String + Send + 'static) -> std::io::Result<()> {
     Ok(())
 }

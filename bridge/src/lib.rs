@@ -84,3 +84,4 @@ pub mod drives;
 pub mod ros2;
 pub mod rover;
 pub mod safety;
+pub mod system;

@@ -5,7 +5,6 @@
 
 use std::fs::File;
 use std::io::{Error, ErrorKind, Seek, SeekFrom, Write};
-use std::os::unix::fs::FileExt;
 
 /// Bytes that wait for the disk at most.
 pub(super) const PENDING_MAX: usize = 1 << 20;
@@ -51,11 +50,16 @@ impl WholeFile {
 
     /// Writes what is pending, the end of the file included, and returns its size.
     pub(super) fn finish(mut self) -> Result<u64, Error> {
-        self.file.write_all_at(&self.pending, self.kept)?;
+        write_at(&self.file, &self.pending, self.kept)?;
         self.kept += self.pending.len() as u64;
         self.file.set_len(self.kept)?;
         Ok(self.kept)
     }
+}
+
+fn write_at(mut file: &File, bytes: &[u8], at: u64) -> Result<(), Error> {
+    file.seek(SeekFrom::Start(at))?;
+    file.write_all(bytes)
 }
 
 impl Write for WholeFile {
@@ -70,10 +74,10 @@ impl Write for WholeFile {
     fn flush(&mut self) -> Result<(), Error> {
         let length = self.pending.len();
         self.pending.extend_from_slice(&END);
-        if let Err(error) = self.file.write_all_at(&self.pending, self.kept) {
+        if let Err(error) = write_at(&self.file, &self.pending, self.kept) {
             // The file stays as whole as it was.
             let end = self.kept + END.len() as u64;
-            let _ = self.file.write_all_at(&END, self.kept);
+            let _ = write_at(&self.file, &END, self.kept);
             let _ = self.file.set_len(end);
             return Err(error);
         }

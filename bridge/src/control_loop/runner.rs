@@ -4,14 +4,13 @@ use super::channel::ControllerEnd;
 use super::learned::LearnedOutlet;
 use super::tap::ControllerTap;
 use crate::safety::{ControllerOutput, ControllerState};
+use crate::system::{ThreadId, thread_id};
 use sidehill_controller::controller::{Controller, Decision, DriveResponse, Status};
 use sidehill_plant::sample::Sample;
-use std::os::unix::thread::JoinHandleExt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-use thread_priority::ThreadId;
 use triple_buffer::{Input, Output, triple_buffer};
 
 /// Runs a controller once a cycle.
@@ -195,7 +194,7 @@ impl ThreadedRunner {
 
     /// Returns the system's identifier of the thread.
     pub fn thread_id(&self) -> Option<ThreadId> {
-        self.thread.as_ref().map(JoinHandleExt::as_pthread_t)
+        self.thread.as_ref().map(thread_id)
     }
 }
 

@@ -1,14 +1,11 @@
 //! Real-time settings of the threads. Each is optional, and an error says what to do where the system
 //! refuses one.
 
+use crate::system::{self, ThreadId};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::vehicle::RangeError;
-pub use thread_priority::ThreadId;
-use thread_priority::{
-    NormalThreadSchedulePolicy, RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue,
-    ThreadSchedulePolicy, set_thread_priority_and_policy, thread_native_id,
-};
+use std::io;
 
 /// Real-time settings; none by default.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -42,7 +39,7 @@ pub enum RealtimeError {
         /// The requested value.
         priority: u8,
         /// The system's reason.
-        reason: String,
+        reason: io::Error,
     },
     /// Not this CPU.
     #[error(
@@ -52,7 +49,7 @@ pub enum RealtimeError {
         /// The requested value.
         cpu: usize,
         /// The system's reason.
-        reason: std::io::Error,
+        reason: io::Error,
     },
     /// No locked memory.
     #[error(
@@ -60,7 +57,7 @@ pub enum RealtimeError {
     )]
     Memory {
         /// The system's reason.
-        reason: std::io::Error,
+        reason: io::Error,
     },
 }
 
@@ -98,24 +95,13 @@ impl RealtimeConfig {
     pub fn apply_to_loop(&self) -> Result<(), RealtimeError> {
         self.validate()?;
         if self.lock_memory {
-            use rustix::mm::{MlockAllFlags, mlockall};
-            mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(|errno| {
-                RealtimeError::Memory {
-                    reason: errno.into(),
-                }
-            })?;
+            system::lock_memory().map_err(|reason| RealtimeError::Memory { reason })?;
         }
         if let Some(cpu) = self.cpu {
-            use rustix::thread::{CpuSet, sched_setaffinity};
-            let mut only = CpuSet::new();
-            only.set(cpu);
-            sched_setaffinity(None, &only).map_err(|errno| RealtimeError::Cpu {
-                cpu,
-                reason: errno.into(),
-            })?;
+            system::pin(cpu).map_err(|reason| RealtimeError::Cpu { cpu, reason })?;
         }
         match self.fifo_priority {
-            Some(priority) => set_fifo(thread_native_id(), priority, FIFO_PRIORITY),
+            Some(priority) => set_fifo(system::this_thread(), priority, FIFO_PRIORITY),
             None => Ok(()),
         }
     }
@@ -142,16 +128,12 @@ impl RealtimeConfig {
             return Ok(create());
         }
         self.validate()?;
-        self.apply_to_helper(thread_native_id())?;
+        self.apply_to_helper(system::this_thread())?;
         let created = create();
-        let normal = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
-        let (min, key) = (ThreadPriority::Min, HELPER_FIFO_PRIORITY);
-        set_thread_priority_and_policy(thread_native_id(), min, normal).map_err(|error| {
-            RealtimeError::Priority {
-                key,
-                priority: 0,
-                reason: format!("{error:?}"),
-            }
+        system::set_normal().map_err(|reason| RealtimeError::Priority {
+            key: HELPER_FIFO_PRIORITY,
+            priority: 0,
+            reason,
         })?;
         Ok(created)
     }
@@ -164,23 +146,10 @@ impl RealtimeConfig {
 }
 
 fn set_fifo(thread: ThreadId, priority: u8, key: &'static str) -> Result<(), RealtimeError> {
-    let refused = |reason: String| RealtimeError::Priority {
+    system::set_fifo(thread, priority).map_err(|reason| RealtimeError::Priority {
         key,
         priority,
         reason,
-    };
-    let value =
-        ThreadPriorityValue::try_from(priority).map_err(|error| refused(error.to_owned()))?;
-    set_thread_priority_and_policy(
-        thread,
-        ThreadPriority::Crossplatform(value),
-        ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo),
-    )
-    .map_err(|error| match error {
-        thread_priority::Error::OS(errno) => {
-            refused(std::io::Error::from_raw_os_error(errno).to_string())
-        }
-        other => refused(format!("{other:?}")),
     })
 }
 

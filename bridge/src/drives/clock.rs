@@ -1,27 +1,26 @@
-use rustix::thread::{ClockId as SleepClock, clock_nanosleep_absolute};
-use rustix::time::{ClockId, Timespec, clock_gettime};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Where the time of a program begins, on the monotonic clock and in the world.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Epoch {
-    monotonic_s: f64,
+    begun: Instant,
     unix_s: f64,
 }
 
 impl Epoch {
     /// Returns an epoch that begins now.
     pub fn now() -> Self {
+        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
         Self {
-            monotonic_s: seconds(&clock_gettime(ClockId::Monotonic)),
-            unix_s: seconds(&clock_gettime(ClockId::Realtime)),
+            begun: Instant::now(),
+            unix_s: since_1970.map_or(0.0, |time| time.as_secs_f64()),
         }
     }
 
     /// Returns the time since the epoch, s.
     pub fn elapsed_s(&self) -> f64 {
-        seconds(&clock_gettime(ClockId::Monotonic)) - self.monotonic_s
+        self.begun.elapsed().as_secs_f64()
     }
 
     /// Returns the time of the world at `time_s`, s since 1970; a clock set since then is not
@@ -102,32 +101,17 @@ impl Clock {
             Self::Virtual { now_s } => *now_s = now_s.max(time_s),
             Self::External(clock) => clock.wait_until(time_s),
             Self::Real(epoch) => {
-                let absolute_s = epoch.monotonic_s + time_s;
-                if !absolute_s.is_finite() || absolute_s < 0.0 {
-                    return;
-                }
-                let request = Timespec {
-                    tv_sec: absolute_s as i64,
-                    tv_nsec: ((absolute_s.fract() * 1e9) as i64).min(999_999_999),
-                };
-                // A signal ends the sleep early.
-                while epoch.elapsed_s() < time_s
-                    && clock_nanosleep_absolute(SleepClock::Monotonic, &request).is_err()
-                {
+                if let Ok(left) = Duration::try_from_secs_f64(time_s - epoch.elapsed_s()) {
+                    std::thread::sleep(left);
                 }
             }
         }
     }
 }
 
-fn seconds(time: &Timespec) -> f64 {
-    time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::time::Instant;
 
     #[test]
     fn an_external_clock_wakes_a_waiting_thread() {

@@ -1,7 +1,7 @@
 use super::vocabulary::{DriveCommand, DriveFeedback, LinkState, SendError};
+use crate::system::ThreadId;
 use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::speeds::MotorSpeeds;
-use thread_priority::ThreadId;
 
 /// What a port has received when a cycle begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
