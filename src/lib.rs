@@ -62,6 +62,8 @@ pub mod route;
 #[cfg(not(target_family = "wasm"))]
 pub mod simulate;
 #[cfg(not(target_family = "wasm"))]
+mod sqlite;
+#[cfg(not(target_family = "wasm"))]
 pub mod tune;
 
 /// Version of the program, and its sources: a simulation of the same sources has the same result.

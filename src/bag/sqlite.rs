@@ -3,9 +3,7 @@
 use super::error::BagError;
 use super::limits::{Budget, RECORD_MAX};
 use super::message::{BagTopic, FileFindings, RecordedMessage, Visit};
-use rusqlite::config::DbConfig;
-use rusqlite::limits::Limit;
-use rusqlite::{Connection, OpenFlags};
+use crate::sqlite::{computed, explained, open};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -18,24 +16,22 @@ pub(super) fn read(
 ) -> Result<FileFindings, BagError> {
     let failed = |error: rusqlite::Error| BagError::Content {
         file: name.to_owned(),
-        reason: explained(&error),
+        reason: explained(
+            &error,
+            "a bag of rosbag2, or a compressed one whose name lacks .zstd",
+        ),
     };
     // SQLite would say no more than "unable to open database file".
     std::fs::File::open(at).map_err(|reason| BagError::Read {
         file: name.to_owned(),
         reason,
     })?;
-    let database = Connection::open_with_flags(
-        at,
-        OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX,
-    )
-    .map_err(failed)?;
+    let database = open(at, RECORD_MAX).map_err(failed)?;
     let content = |reason: String| BagError::Content {
         file: name.to_owned(),
         reason,
     };
-    harden(&database).map_err(failed)?;
-    if let Some(computed) = computed(&database).map_err(failed)? {
+    if let Some(computed) = computed(&database, &["topics", "messages"]).map_err(failed)? {
         return Err(content(format!(
             "{computed} is computed by the file instead of stored in it, which no bag of rosbag2 does; it is not read"
         )));
@@ -78,53 +74,4 @@ pub(super) fn read(
         topics: topics.into_values().collect(),
         cut_off: None,
     })
-}
-
-/// Lets the schema call no function with side effects, and bounds every value.
-fn harden(database: &Connection) -> rusqlite::Result<()> {
-    database.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
-    let most = i32::try_from(RECORD_MAX).unwrap_or(i32::MAX);
-    database
-        .set_limit(Limit::SQLITE_LIMIT_LENGTH, most)
-        .map(drop)
-}
-
-/// Returns what of `topics` and `messages` is a view or a generated column, whose rows need no bytes in the file.
-fn computed(database: &Connection) -> rusqlite::Result<Option<String>> {
-    for table in ["topics", "messages"] {
-        let mut kinds =
-            database.prepare("SELECT type FROM sqlite_schema WHERE name = ?1 COLLATE NOCASE")?;
-        let mut kinds = kinds.query([table])?;
-        while let Some(row) = kinds.next()? {
-            let kind: String = row.get(0)?;
-            if kind != "table" {
-                return Ok(Some(format!("the {kind} {table}")));
-            }
-        }
-        let mut columns = database.prepare("SELECT name, hidden FROM pragma_table_xinfo(?1)")?;
-        let mut columns = columns.query([table])?;
-        while let Some(row) = columns.next()? {
-            if row.get::<_, i64>(1)? != 0 {
-                let column: String = row.get(0)?;
-                return Ok(Some(format!("the column {column} of {table}")));
-            }
-        }
-    }
-    Ok(None)
-}
-
-fn explained(error: &rusqlite::Error) -> String {
-    use rusqlite::ErrorCode::{DatabaseCorrupt, NotADatabase, ReadOnly};
-    let hint = match error.sqlite_error_code() {
-        Some(NotADatabase) => ": not a bag, or a compressed one whose name lacks .zstd",
-        Some(DatabaseCorrupt) => {
-            ": the file is damaged or cut off; `sqlite3 FILE .recover` writes what is left of it"
-        }
-        Some(ReadOnly) => {
-            ": its recorder was interrupted; open it once with `sqlite3 FILE .tables`, which finishes what it left"
-        }
-        _ if error.to_string().contains("no such table") => ": not a bag of rosbag2",
-        _ => "",
-    };
-    format!("{error}{hint}")
 }
