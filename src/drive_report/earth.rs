@@ -38,10 +38,7 @@ struct NamedPlace {
 /// # Errors
 /// A recording without a place on earth.
 pub(super) fn track(input: &DecodedRecording, facts: &DriveFacts) -> Result<Track> {
-    let datum = input.datum.context(
-        "it has no place on earth: its configuration has neither `datum` nor a GPX route. Add `datum: {latitude_deg: ..., \
-         longitude_deg: ...}`, the place of x = 0, y = 0, before the drive is recorded",
-    )?;
+    let datum = input.place_on_earth()?;
     let mut lines: Vec<Vec<Position>> = Vec::new();
     let mut last: Option<(f64, Point2)> = None;
     for (time_s, step) in &input.steps {

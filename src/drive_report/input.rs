@@ -1,11 +1,11 @@
 //! What a report needs of a recording.
 
 use super::datum::datum;
-use anyhow::Result;
+use anyhow::{Context, Result};
 use serde::de::DeserializeOwned;
-use sidehill_bridge::ros2::message::DiagnosticArray;
 use sidehill_bridge::ros2::message::cdr::from_cdr;
-use sidehill_controller::path::GeodeticOrigin;
+use sidehill_bridge::ros2::message::{DiagnosticArray, Path};
+use sidehill_controller::path::{GeodeticOrigin, Point2};
 use sidehill_recording::live::WholeDrive;
 use sidehill_recording::{
     ControllerCycle, FixState, GuardState, Header, LogLine, LoopCycle, Recording, Topic, scan,
@@ -21,6 +21,8 @@ pub(super) struct DecodedRecording {
     pub(super) header: Header,
     /// Place on earth of x = 0, y = 0.
     pub(super) datum: Option<GeodeticOrigin>,
+    /// Lowest and highest x and y of paths and estimated poses, m; none where there is neither.
+    pub(super) extent: Option<[Point2; 2]>,
     /// Times of the first and the last message, s.
     pub(super) range_s: [f64; 2],
     /// Steps of the controller.
@@ -57,6 +59,7 @@ impl DecodedRecording {
         let mut input = Self {
             name: path.display().to_string(),
             datum: datum(&recording.header),
+            extent: None,
             header: recording.header,
             range_s: [first_ns.min(last_ns), last_ns].map(|ns| ns as f64 / 1e9),
             steps: Vec::with_capacity(recording.cycles.len()),
@@ -81,7 +84,18 @@ impl DecodedRecording {
         let time_s = time_ns as f64 / 1e9;
         self.drive.take(topic, time_ns, message);
         match topic {
-            Topic::ControllerCycle => push(&mut self.steps, message, |step| (time_s, step)),
+            Topic::ControllerCycle => {
+                push(&mut self.steps, message, |step| (time_s, step));
+                if let Some((_, step)) = self.steps.last() {
+                    self.extend(step.estimated_x_m, step.estimated_y_m);
+                }
+            }
+            Topic::Path => {
+                let path: Result<Path, _> = from_cdr(message);
+                for pose in path.into_iter().flat_map(|path| path.poses) {
+                    self.extend(pose.pose.position.x, pose.pose.position.y);
+                }
+            }
             Topic::LoopCycle => push(&mut self.cycles, message, |cycle| (time_s, cycle)),
             Topic::Guard => push(&mut self.guard, message, |guard| guard),
             Topic::Fix => push(&mut self.fixes, message, |fix| (time_s, fix)),
@@ -96,6 +110,30 @@ impl DecodedRecording {
             }
             _ => {}
         }
+    }
+
+    fn extend(&mut self, x_m: f64, y_m: f64) {
+        if x_m.is_finite() && y_m.is_finite() {
+            let [low, high] = self.extent.get_or_insert([Point2 { x_m, y_m }; 2]);
+            (low.x_m, low.y_m) = (low.x_m.min(x_m), low.y_m.min(y_m));
+            (high.x_m, high.y_m) = (high.x_m.max(x_m), high.y_m.max(y_m));
+        }
+    }
+
+    /// Returns the place on earth of x = 0, y = 0.
+    ///
+    /// # Errors
+    /// A recording without one.
+    pub(super) fn place_on_earth(&self) -> Result<&GeodeticOrigin> {
+        let datum = self.datum.as_ref();
+        let missing = || {
+            format!(
+                "{}: it has no place on earth: its configuration has neither `datum` nor a GPX route. Add `datum: \
+                 {{latitude_deg: ..., longitude_deg: ...}}`, the place of x = 0, y = 0, before the drive is recorded",
+                self.name
+            )
+        };
+        datum.with_context(missing)
     }
 
     /// Returns where the vehicle was, by its estimate: the step of a time, s.

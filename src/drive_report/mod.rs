@@ -8,6 +8,7 @@ mod limits;
 mod page;
 mod place;
 mod stops;
+mod tiles;
 mod weather;
 
 use crate::exit::Exit;
@@ -17,12 +18,13 @@ use crate::console;
 use crate::output;
 use crate::recording::damage;
 use crate::simulate::Format;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use facts::DriveFacts;
 use input::DecodedRecording;
 use limits::LimitArgs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use tiles::TileMap;
 
 /// Arguments of `sidehill report`.
 #[derive(Debug, clap::Args)]
@@ -32,6 +34,10 @@ pub struct ReportArgs {
     /// Page with map, plots, stops and figures: one file that needs no network.
     #[arg(long, value_name = "FILE.html")]
     pub out: Option<PathBuf>,
+    /// Map or aerial picture below the drive, on the page: PNG, JPEG or WebP tiles as MBTiles. The recording must have a
+    /// datum.
+    #[arg(long, value_name = "FILE.mbtiles", requires = "out")]
+    pub map: Option<PathBuf>,
     /// What was driven, stops and worst places as GeoJSON. The recording must have a datum.
     #[arg(long, value_name = "FILE.geojson")]
     pub geojson: Option<PathBuf>,
@@ -52,7 +58,8 @@ pub struct ReportArgs {
 /// Writes what was asked for, prints the figures, and returns success unless a limit was exceeded.
 ///
 /// # Errors
-/// A recording that cannot be read, holds no drive, or has no place on earth where one is needed.
+/// A recording that cannot be read, holds no drive, or has no place on earth where one is needed; a map without tiles
+/// there.
 pub fn run(args: &ReportArgs) -> Result<ExitCode> {
     let files = [&args.out, &args.geojson, &args.kml];
     for file in files.into_iter().flatten() {
@@ -60,8 +67,7 @@ pub fn run(args: &ReportArgs) -> Result<ExitCode> {
     }
     let (input, facts) = read(&args.recording, &args.limits)?;
     if args.geojson.is_some() || args.kml.is_some() {
-        let track =
-            earth::track(&input, &facts).with_context(|| args.recording.display().to_string())?;
+        let track = earth::track(&input, &facts)?;
         if let Some(file) = &args.geojson {
             output::write(file, track.geojson().as_bytes(), args.force)?;
         }
@@ -70,7 +76,9 @@ pub fn run(args: &ReportArgs) -> Result<ExitCode> {
         }
     }
     if let Some(file) = &args.out {
-        output::write(file, page::html(&input, &facts)?.as_bytes(), args.force)?;
+        let map = args.map.as_deref().map(|map| TileMap::of(&input, map));
+        let page = page::html(&input, &facts, map.transpose()?.as_ref())?;
+        output::write(file, page.as_bytes(), args.force)?;
     }
     match args.format {
         Format::Json => console::line(serde_json::to_string(&facts)?),
@@ -85,7 +93,7 @@ pub fn run(args: &ReportArgs) -> Result<ExitCode> {
 /// As [`run`].
 pub fn write_page(recording: &Path, file: &Path, force: bool) -> Result<()> {
     let (input, facts) = read(recording, &LimitArgs::default())?;
-    output::write(file, page::html(&input, &facts)?.as_bytes(), force)
+    output::write(file, page::html(&input, &facts, None)?.as_bytes(), force)
 }
 
 fn read(recording: &Path, limits: &LimitArgs) -> Result<(DecodedRecording, DriveFacts)> {

@@ -109,10 +109,16 @@ fn what_was_driven_is_put_on_earth_where_it_has_a_place() {
     let message = fail(report(&file, &["--geojson"]).arg(&geojson));
     assert_says(&message, &["drive.mcap", "datum"]);
     assert!(!geojson.exists());
+    let map = |file: &Path| {
+        let mut command = report(file, &["--map", "no/field.mbtiles", "--out"]);
+        fail(command.arg(course.path("drive.html")))
+    };
+    assert_says(&map(&file), &["drive.mcap", "datum"]);
 
-    let course = Course::new("datum: {latitude_deg: 36.717, longitude_deg: -4.489}\n");
-    let file = record(&course);
-    let [geojson, kml] = ["drive.geojson", "drive.kml"].map(|name| course.path(name));
+    let placed = Course::new("datum: {latitude_deg: 36.717, longitude_deg: -4.489}\n");
+    let file = record(&placed);
+    assert_says(&map(&file), &["no/field.mbtiles", "No such file"]);
+    let [geojson, kml] = ["drive.geojson", "drive.kml"].map(|name| placed.path(name));
     let mut command = report(&file, &["--geojson"]);
     let (facts, _) = json(command.arg(&geojson).arg("--kml").arg(&kml));
     let track: Value = serde_json::from_str(&std::fs::read_to_string(&geojson).unwrap()).unwrap();

@@ -10,9 +10,11 @@ column = Object.fromEntries(drive.columns.map((name, i) => [name, i]));
 ({ parts, events, obstacles } = drive);
 takeGround();
 runs.push({ colour: '--blue', frames: drive.frames, plan: [] });
-const BEGIN = newest()[0] - facts.duration_s;
 
 // --- Time ---
+
+/** When the recording began, s. Frames begin later. */
+const BEGIN = (place => place ? place.time_s - place.after_s : newest()[0] - facts.duration_s)([...facts.stops, ...facts.worst][0]);
 
 const MOMENT_S = '30';
 
@@ -74,6 +76,28 @@ list('worst', facts.worst.map(worst => ({
   text: `${centimetres(worst.cross_track_m)} ${worst.cross_track_m < 0 ? 'right' : 'left'} of the path`,
   more: [`${where(worst)}, ${digits(worst.arc_length_m, 3)} m along it`, `at ${digits(worst.speed_m_s)} m/s, roll ${signed(worst.roll_deg)}°, pitch ${signed(worst.pitch_deg)}°`],
 })), 'No path was followed.');
+
+/** Marks worst places and stops on the map: circles, and triangles as in the list. */
+drawAbove = (pen, X, Y) => {
+  const faults = facts.stops.filter(stop => stop.kind === 'fault');
+  for (const [places, corners, far] of [[facts.worst, 24, 13], [faults, 3, 10]])
+    for (const { x_m: x, y_m: y } of places) {
+      if (!is(x)) continue;
+      pen.beginPath();
+      for (let i = 0; i < corners; i++) {
+        const way = 2 * Math.PI * i / corners;
+        pen.lineTo(X(x) + far * Math.sin(way), Y(y) - far * Math.cos(way));
+      }
+      pen.closePath();
+      for (const [colour, thick] of [['--panel', 6], ['--orange', 3]]) {
+        pen.strokeStyle = colours[colour];
+        pen.lineWidth = thick;
+        pen.stroke();
+      }
+    }
+};
+showKey('stop', facts.stops.some(stop => stop.kind === 'fault') && 'stopped');
+showKey('worst', facts.worst.length && 'worst places');
 
 /** Fills a list of figures. */
 function figures(holder, entries) {

@@ -33,6 +33,12 @@ pub mod components {
     pub const VIEW_JS: &str = include_str!("page/view.js");
     /// Script: what plots and sections of a drive show.
     pub const DRIVE_JS: &str = include_str!("page/drive.js");
+
+    /// Returns the address of a picture that the page itself holds.
+    pub fn data_uri(media_type: &str, bytes: &[u8]) -> String {
+        let bytes = data_encoding::BASE64.encode(bytes);
+        format!("data:{media_type};base64,{bytes}")
+    }
 }
 
 /// Frames of a drive, at most: two megabytes.

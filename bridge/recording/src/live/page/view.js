@@ -308,7 +308,8 @@ $('out').onclick = () => zoom(1 / 1.5);
 /** Returns what a finger that touches the map holds, with `move` and `end`; nothing where it is the map itself. Places
  * are in m, and `reach` is as far as a finger is broad. */
 let touched = (place, reach) => null;
-/** Draws above paths and vehicles; X and Y convert m into pixels. */
+/** Draws below and above paths and vehicles; X and Y convert m into pixels. */
+let drawBelow = (pen, X, Y) => {};
 let drawAbove = (pen, X, Y) => {};
 
 const fingers = new Map();
@@ -521,6 +522,18 @@ function bounds() {
   return xs.length ? [least(xs), most(xs), least(ys), most(ys)] : [-2, 2, -2, 2];
 }
 
+/** Draws a line through x, y, x, y ..., m. */
+function strokeLine(pen, X, Y, points, colour, thick, dash = []) {
+  pen.strokeStyle = colours[colour];
+  pen.lineWidth = thick;
+  pen.setLineDash(dash);
+  pen.beginPath();
+  for (let i = 0; i + 1 < points.length; i += 2)
+    pen[i ? 'lineTo' : 'moveTo'](X(points[i]), Y(points[i + 1]));
+  pen.stroke();
+  pen.setLineDash([]);
+}
+
 /** Draws the map; the vehicle of the first run is the one that it follows. */
 function drawMap() {
   const [pen, width, height] = prepare(map);
@@ -542,6 +555,7 @@ function drawMap() {
   const s = view.scale;
   const X = x => width / 2 + (x - view.x) * s, Y = y => height / 2 - (y - view.y) * s;
 
+  drawBelow(pen, X, Y);
   drawGround(pen, X, Y);
   const size = step(width / s, 6);
   pen.strokeStyle = colours['--grid'];
@@ -552,18 +566,8 @@ function drawMap() {
   pen.stroke();
 
   drawObstacles(pen, X, Y);
-  const stroke = (points, colour, thick, dash = []) => {
-    pen.strokeStyle = colours[colour];
-    pen.lineWidth = thick;
-    pen.setLineDash(dash);
-    pen.beginPath();
-    for (let i = 0; i + 1 < points.length; i += 2)
-      pen[i ? 'lineTo' : 'moveTo'](X(points[i]), Y(points[i + 1]));
-    pen.stroke();
-    pen.setLineDash([]);
-  };
   pen.globalAlpha = 0.6;
-  stroke(parts.path || [], '--path', 8);
+  strokeLine(pen, X, Y, parts.path || [], '--path', 8);
   pen.globalAlpha = 1;
 
   for (const { frames, colour, dash = [] } of inSight()) {
@@ -586,7 +590,7 @@ function drawMap() {
     pen.setLineDash([]);
   }
   for (const run of inSight()) {
-    if (cursor === null) stroke(run.plan || [], run.planColour, 3, run.planDash);
+    if (cursor === null) strokeLine(pen, X, Y, run.plan || [], run.planColour, 3, run.planDash);
     const frame = shown(run.frames);
     if (is(get(frame, 'x'))) drawVehicle(pen, frame, X, Y, s, run);
   }
