@@ -333,6 +333,17 @@ impl RunConfig {
         Ok(())
     }
 
+    /// Returns where on earth x = 0, y = 0 is: the datum, or that of a GPX route; none where neither is there.
+    ///
+    /// # Errors
+    /// A route that cannot be read.
+    pub fn place_on_earth(&self, file: &ConfigFile) -> Result<Option<GeodeticOrigin>, ConfigError> {
+        match (&self.datum, &self.route) {
+            (None, Some(route)) => Ok(read_route(&file.sibling(&route.file)?, None)?.origin),
+            (datum, _) => Ok(*datum),
+        }
+    }
+
     /// Returns how fixes of a satellite receiver become poses; none where poses come otherwise.
     ///
     /// # Errors
@@ -344,17 +355,7 @@ impl RunConfig {
         if self.fixes_heading().is_none() {
             return Ok(None);
         }
-        let of_route = || -> Result<Option<GeodeticOrigin>, ConfigError> {
-            let Some(route) = &self.route else {
-                return Ok(None);
-            };
-            Ok(read_route(&file.sibling(&route.file)?, None)?.origin)
-        };
-        let datum = match self.datum {
-            Some(datum) => Some(datum),
-            None => of_route()?,
-        };
-        let datum = datum.ok_or_else(|| {
+        let datum = self.place_on_earth(file)?.ok_or_else(|| {
             file.error(
                 "datum: it is missing, and satellite fixes have no place in the frame of the poses without it, as \
                  `datum: {latitude_deg: 36.717, longitude_deg: -4.489}`; a GPX route has one, too",

@@ -9,6 +9,7 @@ mod repeat;
 mod report;
 
 use crate::console;
+use crate::drive_report::datum;
 use crate::exit::Exit;
 use crate::output;
 use crate::recording::{self, damage, fact, target};
@@ -133,6 +134,9 @@ fn show(args: &ReplayArgs, recording: &Recording, rebuilt: &Rebuilt) -> Result<(
     };
     let range_ns = play::range_ns(recording)?;
     let (live, control) = recording::playback(address, &rebuilt.config, range_ns)?;
+    if let Some(datum) = datum(&recording.header) {
+        live.place(&datum);
+    }
     play::play(recording, range_ns[0], (live, &control))
 }
 

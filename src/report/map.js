@@ -45,10 +45,9 @@ function say(text) {
 const HINT = 'A click on a line shows its moment in the plots.';
 say(HINT);
 map.addEventListener('pointermove', event => {
-  const [x, y] = placeOf(event), height = given.ground && heightIn(given.ground, x, y), { earth } = given;
-  const degrees = i => (earth[i] + earth[i + 2] * x + earth[i + 4] * y).toFixed(7);
+  const [x, y] = placeOf(event), height = given.ground && heightIn(given.ground, x, y), earth = onEarth(x, y);
   const up = is(height) ? `, height ${fixed(height, 2)} m` : '';
-  say(`x ${fixed(x, 2)} m, y ${fixed(y, 2)} m${up}${earth ? `, ${degrees(0)}°, ${degrees(1)}°` : ''}`);
+  say(`x ${fixed(x, 2)} m, y ${fixed(y, 2)} m${up}${earth && `, ${earth}`}`);
 });
 map.addEventListener('pointerleave', () => say(HINT));
 showKey('path', given.path.length && 'path');

@@ -3,7 +3,6 @@
 use super::scene::{Scene, Style};
 use crate::record::{Row, Run};
 use serde::Serialize;
-use sidehill_controller::path::{GeodeticOrigin, Point2};
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::terrain::Terrain;
 use sidehill_plant::vehicle::{Outline, Vehicle};
@@ -26,7 +25,7 @@ pub(crate) struct PageMap {
     path: Vec<f64>,
     vehicle: Outline,
     ground: Option<MapGround>,
-    /// Latitude and longitude, deg, of the origin, and their changes over a metre along x and along y.
+    /// [`GeodeticOrigin::linear`](sidehill_controller::path::GeodeticOrigin::linear) of the origin.
     earth: Option<[f64; 6]>,
     marks: Vec<Mark>,
 }
@@ -131,7 +130,7 @@ impl PageMap {
         });
         let mut map = Self::over(runs.collect(), &scene.path, scene.vehicle);
         map.ground = Some(map.ground_of(scene.terrain));
-        map.earth = scene.datum.map(earth);
+        map.earth = scene.datum.map(|datum| datum.linear());
         map.marks = marks;
         map
     }
@@ -202,21 +201,4 @@ fn tracked(row: &Row) -> (f64, PlanarPose) {
     let pose = row.pose.planar();
     let [x_m, y_m] = row.tracked.unwrap_or([pose.x_m, pose.y_m]);
     (row.time_s, PlanarPose { x_m, y_m, ..pose })
-}
-
-/// Returns where the origin is, and changes over a metre. Over a map of kilometres the plane is true to millimetres.
-fn earth(datum: GeodeticOrigin) -> [f64; 6] {
-    /// Length of the steps, m.
-    const STEP_M: f64 = 100.0;
-    let at = |x_m, y_m| datum.unproject(Point2 { x_m, y_m });
-    let (origin, x, y) = (at(0.0, 0.0), at(STEP_M, 0.0), at(0.0, STEP_M));
-    let change = |to: f64, from: f64| (to - from) / STEP_M;
-    [
-        origin.0,
-        origin.1,
-        change(x.0, origin.0),
-        change(x.1, origin.1),
-        change(y.0, origin.0),
-        change(y.1, origin.1),
-    ]
 }

@@ -93,6 +93,11 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         output::check_writable(report, args.force)?;
     }
     let live = recording::live(&args.live, Some(&config.settings))?;
+    if let Some(live) = &live
+        && let Some(datum) = config.place_on_earth(&file)?
+    {
+        live.place(&datum);
+    }
     let watched = recorded.is_some() || live.is_some();
     let settable = live.as_ref().filter(|_| config.over_ros2());
     let watch = Watch {

@@ -104,6 +104,24 @@ impl GeodeticOrigin {
         let (latitude_rad, longitude_rad, _) = place(-above_m);
         (latitude_rad.to_degrees(), longitude_rad.to_degrees())
     }
+
+    /// Returns latitude and longitude, deg, of the origin, and their changes over a metre along x and along y, deg/m: what
+    /// a page needs to name places. Over kilometres it is true to millimetres.
+    pub fn linear(&self) -> [f64; 6] {
+        /// Length of the steps, m.
+        const STEP_M: f64 = 100.0;
+        let at = |x_m, y_m| self.unproject(Point2 { x_m, y_m });
+        let (origin, x, y) = (at(0.0, 0.0), at(STEP_M, 0.0), at(0.0, STEP_M));
+        let change = |to: f64, from: f64| (to - from) / STEP_M;
+        [
+            origin.0,
+            origin.1,
+            change(x.0, origin.0),
+            change(x.1, origin.1),
+            change(y.0, origin.0),
+            change(y.1, origin.1),
+        ]
+    }
 }
 
 /// Farthest a route may be from its datum, m: a tangent plane is true to 1e-6 as far as that.

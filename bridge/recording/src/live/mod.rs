@@ -29,6 +29,7 @@ use playback::Playback;
 pub use playback::{PlaybackControl, PlaybackRequest, PlaybackState, PlaybackStatus};
 use shared::{Kind, Shared};
 use sidehill_bridge::safety::Transition;
+use sidehill_controller::path::GeodeticOrigin;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -102,6 +103,11 @@ impl LiveView {
     /// Returns the address that is listened to.
     pub fn address(&self) -> SocketAddr {
         self.address
+    }
+
+    /// Has pages show latitude and longitude, by the place on earth of x = 0, y = 0.
+    pub fn place(&self, datum: &GeodeticOrigin) {
+        lock(&self.shared.page).place(datum);
     }
 
     /// Returns the owner's end of the parameters that clients can set.

@@ -8,6 +8,7 @@ use crate::scene::{CUBE, MarkerArray, SLIDE_SCALE_S};
 use serde_json::{Value, json};
 use sidehill_bridge::ros2::message::cdr::from_cdr;
 use sidehill_bridge::ros2::message::{self, DiagnosticArray, JointState, Path, PoseStamped};
+use sidehill_controller::path::GeodeticOrigin;
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt::Write as _;
 use std::sync::Arc;
@@ -203,10 +204,15 @@ impl Page {
         }
     }
 
-    /// Begins from nothing but the vehicle.
+    /// Says where on earth the plane of the drive is.
+    pub(super) fn place(&mut self, datum: &GeodeticOrigin) {
+        self.set("earth", json!(datum.linear()).to_string());
+    }
+
+    /// Begins from nothing but vehicle and place on earth.
     fn begin(&mut self) {
         let mut parts = std::mem::take(&mut self.parts);
-        parts.retain(|name, _| *name == "vehicle");
+        parts.retain(|name, _| ["vehicle", "earth"].contains(name));
         *self = Self {
             parts,
             version: self.version,

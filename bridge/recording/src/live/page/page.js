@@ -206,5 +206,8 @@ function show() {
   for (const strip of STRIPS) drawStrip(strip, axis);
   showTime();
   showPast();
+  const frame = shown(frames), place = onEarth(get(frame, 'x'), get(frame, 'y'));
+  $('hint').textContent = place && `vehicle at ${place}`;
+  $('hint').hidden = !place;
 }
 connect();

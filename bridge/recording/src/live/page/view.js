@@ -364,6 +364,12 @@ map.addEventListener('pointermove', event => {
   setMode('free');
 });
 
+/** Returns latitude and longitude of a place as a text, as map programs take it; none where the drive has no place on earth. */
+function onEarth(x, y) {
+  const { earth } = parts;
+  return earth && is(x) ? [0, 1].map(i => `${(earth[i] + earth[i + 2] * x + earth[i + 4] * y).toFixed(7)}°`).join(', ') : '';
+}
+
 /** Calls `found` with the moment at which a vehicle was where the map is clicked. */
 function onPlace(found) {
   let pressed = null;
