@@ -74,7 +74,7 @@ list('stops', facts.stops.map(stop => ({
 list('worst', facts.worst.map(worst => ({
   place: worst,
   text: `${centimetres(worst.cross_track_m)} ${worst.cross_track_m < 0 ? 'right' : 'left'} of the path`,
-  more: [`${where(worst)}, ${digits(worst.arc_length_m, 3)} m along it`, `at ${digits(worst.speed_m_s)} m/s, roll ${signed(worst.roll_deg)}°, pitch ${signed(worst.pitch_deg)}°`],
+  more: [`${where(worst)}, ${fixed(worst.arc_length_m, 1)} m along it`, `at ${digits(worst.speed_m_s)} m/s, roll ${signed(worst.roll_deg)}°, pitch ${signed(worst.pitch_deg)}°`],
 })), 'No path was followed.');
 
 /** Marks worst places and stops on the map: circles, and triangles as in the list. */
@@ -107,11 +107,11 @@ function figures(holder, entries) {
 const known = (value, unit) => is(value) ? `${digits(value)} ${unit}`.trim() : null;
 const { driven, cross_track: error, guard } = facts;
 figures($('driven').querySelector('dl'), [
-  ['distance', `${digits(driven.distance_m, 3)} m`],
+  ['distance by the treads', `${digits(driven.distance_m, 3)} m`],
   ['of it in reverse', driven.reverse_m > 0.1 ? `${digits(driven.reverse_m)} m` : null],
   ['time on a path', after(driven.time_s)],
-  ['speed, mean', known(driven.mean_speed_m_s, 'm/s')],
-  ['speed, largest', known(driven.speed_max_m_s, 'm/s')],
+  ['speed by the treads, mean', known(driven.mean_speed_m_s, 'm/s')],
+  ['speed by the treads, largest', known(driven.speed_max_m_s, 'm/s')],
   ['cross-track error, RMS', error && centimetres(error.rms_m)],
   ['cross-track error, p95', error && centimetres(error.p95_m)],
   ['cross-track error, largest', error && centimetres(error.max_m)],
@@ -166,7 +166,7 @@ function showVerdict() {
   else if (final) [kind, name] = final.kind === 'arrived' ? ['done', 'Arrived'] : ['waits', 'Stopped'];
   if (faults.length || (!lines.length && final)) lines.push(capital((last(faults) || final).cause));
   if (facts.damaged) lines.push(`The recording ends early: ${facts.damaged}`);
-  const reason = `${[...lines, `${digits(driven.distance_m, 3)} m in ${after(facts.duration_s)}`].join('. ')}.`;
+  const reason = `${[...lines, `${digits(driven.distance_m, 3)} m by the treads in ${after(facts.duration_s)}`].join('. ')}.`;
   tell(kind, name, reason, BEGIN > 1e9 ? new Date(1000 * BEGIN).toLocaleString([], { dateStyle: 'medium', timeStyle: 'short' }) : '');
 }
 showVerdict();
