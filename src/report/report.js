@@ -34,11 +34,16 @@ function drawPlot(element) {
   const { group } = element.dataset;
   const charts = groups[group] ??= [];
   const table = line => [line.x, line.y];
+  const lines = plot.lines.map(({ name, colour, dots }, i) => ({ name, colour, dash: dashOf(colour), dots: dots && (i % 2 ? 'full' : 'empty') }));
+  // What is drawn as dots is so in the legend.
+  for (const { colour, dots } of lines.filter(line => line.dots))
+    for (const piece of element.closest('section').querySelectorAll(`.swatch[data-colour="${colour}"]`))
+      piece.innerHTML = `<circle cx="13" cy="5" r="3.5" stroke="var(${colour})" stroke-width="1.5" fill="${dots === 'full' ? `var(${colour})` : 'none'}"/>`;
   const chart = plotOf(element, {
     height: plot.height_px,
     x: xAxisOf(plot),
     y: { scale: { range: rangeOf(plot), distr: plot.logarithmic ? 3 : 1 }, axis: { label: plot.y_title, ...(!isNarrow() && { size: 58 }) } },
-    lines: plot.lines.map(({ name, colour, dots }, i) => ({ name, colour, dash: dashOf(colour), dots: dots && (i % 2 ? 'full' : 'empty') })),
+    lines,
     limits: plot.limits,
     legend: true,
     cursor: { sync: { key: group, setSeries: false }, points: { size: 6 } },
