@@ -11,7 +11,7 @@ import zlib
 ZOOM = 21
 AROUND = 4
 # By the parity of column and row, counted from the north.
-COLOURS = {(0, 0): (96, 128, 64), (1, 0): (160, 144, 80), (0, 1): (64, 96, 80), (1, 1): (176, 112, 64)}
+COLOURS = {(0, 0): (64, 144, 48), (1, 0): (208, 184, 112), (0, 1): (144, 64, 32), (1, 1): (48, 96, 160)}
 
 
 def tile_of(latitude_deg, longitude_deg):
