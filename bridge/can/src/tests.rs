@@ -262,10 +262,32 @@ fn names_that_are_unknown_or_unusable_are_named_with_their_file() {
     );
     assert_eq!(
         error.to_string(),
-        "j8.dbc: message DriveCommand has no signal TractionSped"
+        "j8.dbc: message DriveCommand has no signal TractionSped; near to it: TractionSpeed"
     );
-    let error = refusal(DBC, &YAML.replace("message: AhrsAttitude", "message: Ahrs"));
-    assert_eq!(error.to_string(), "j8.dbc: message Ahrs is not defined");
+    for (wrong, says) in [
+        (
+            "Ahrs",
+            "Ahrs is not defined; near to it: AhrsYawRate, AhrsAttitude",
+        ),
+        (
+            "ahrs_attitude",
+            "ahrs_attitude is not defined; near to it: AhrsAttitude, AhrsYawRate",
+        ),
+        ("Lamps", "Lamps is not defined"),
+    ] {
+        let error = refusal(
+            DBC,
+            &YAML.replace("message: AhrsAttitude", &format!("message: {wrong}")),
+        );
+        assert_eq!(error.to_string(), format!("j8.dbc: message {says}"));
+    }
+    for (text, says) in [
+        ("", "defines no message"),
+        ("FormatVersion=6.0\nTitle=\"a\"\n", "cantools convert"),
+    ] {
+        let error = Database::parse("j8.dbc", text).unwrap_err().to_string();
+        assert!(error.contains(says), "{error}");
+    }
     let error = refusal(
         &DBC.replace("SG_ Roll : 7|16@0-", "SG_ Roll : 7|17@0-"),
         YAML,

@@ -23,10 +23,12 @@ pub enum DatabaseFault {
         message: String,
     },
     /// No message has this name.
-    #[error("message {message} is not defined")]
+    #[error("message {message} is not defined{}", suggested(.near))]
     NoMessage {
         /// Name.
         message: String,
+        /// Names of messages that are like it.
+        near: Vec<String>,
     },
     /// An identifier has too many bits.
     #[error("message {message}: identifier {id} has more bits than CAN allows")]
@@ -45,12 +47,14 @@ pub enum DatabaseFault {
         bytes: u64,
     },
     /// The message has no such signal.
-    #[error("message {message} has no signal {signal}")]
+    #[error("message {message} has no signal {signal}{}", suggested(.near))]
     NoSignal {
         /// Message.
         message: String,
         /// Signal.
         signal: String,
+        /// Names of its signals that are like it.
+        near: Vec<String>,
     },
     /// The message has the signal twice.
     #[error("message {message} has signal {signal} more than once")]
@@ -156,4 +160,11 @@ pub enum DatabaseFault {
         /// Its identifier.
         id: FrameId,
     },
+}
+
+fn suggested(names: &[String]) -> String {
+    match names {
+        [] => String::new(),
+        names => format!("; near to it: {}", names.join(", ")),
+    }
 }

@@ -50,8 +50,18 @@ impl Database {
             fault,
         };
         check_identifiers(text).map_err(fail)?;
-        let dbc =
-            Dbc::try_from(text).map_err(|error| fail(DatabaseFault::Syntax(error.to_string())))?;
+        let dbc = Dbc::try_from(text).map_err(|error| {
+            let mut reason = error.to_string();
+            // The parser's name for the whole.
+            if reason.ends_with("expected file") {
+                reason += "; `cantools convert FILE OUT.dbc` makes one of KCD, SYM and ARXML";
+            }
+            fail(DatabaseFault::Syntax(reason))
+        })?;
+        if dbc.messages.is_empty() {
+            let reason = "it defines no message; export it anew".to_owned();
+            return Err(fail(DatabaseFault::Syntax(reason)));
+        }
         for (i, message) in dbc.messages.iter().enumerate() {
             if dbc.messages[..i]
                 .iter()
@@ -81,6 +91,7 @@ impl Database {
             .ok_or_else(|| {
                 self.fail(DatabaseFault::NoMessage {
                     message: name.to_owned(),
+                    near: near(name, self.dbc.messages.iter().map(|one| &one.name)),
                 })
             })?;
         let id = match message.id {
@@ -113,6 +124,21 @@ impl Database {
             fault,
         }
     }
+}
+
+/// Returns the names most like one that is not there, the likest first.
+fn near<'a>(wanted: &str, names: impl Iterator<Item = &'a String>) -> Vec<String> {
+    /// Likeness by Jaro and Winkler, from 0 to 1: a letter wrong, other capitals, or only the beginning of a name.
+    const LIKE: f64 = 0.8;
+    const NAMES: usize = 3;
+    let wanted = wanted.to_lowercase();
+    let mut found: Vec<(f64, &String)> = names
+        .map(|name| (strsim::jaro_winkler(&wanted, &name.to_lowercase()), name))
+        .filter(|(likeness, _)| *likeness >= LIKE)
+        .collect();
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let names = found.into_iter().take(NAMES);
+    names.map(|(_, name)| name.clone()).collect()
 }
 
 /// Returns how much a unit of rotation is, rad/s; none for another.
@@ -184,6 +210,7 @@ impl Message<'_> {
             return Err(self.database.fail(DatabaseFault::NoSignal {
                 message,
                 signal: name.to_owned(),
+                near: near(name, self.message.signals.iter().map(|one| &one.name)),
             }));
         };
         if named.next().is_some() {
