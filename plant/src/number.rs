@@ -19,6 +19,8 @@ pub fn likely_mistake(text: &str) -> &'static str {
         }
     } else if text.contains(',') && text.replace(['.', ','], "").parse::<f64>().is_ok() {
         "; decimals are written with a point, thousands without a mark"
+    } else if matches!(text.to_lowercase().as_str(), "n/a" | "na" | "null" | "none") {
+        "; what is not known is left empty in a CSV, and is the NODATA value in a grid"
     } else if text.starts_with('#') {
         "; a spreadsheet writes so what it cannot compute"
     } else if !digits.starts_with(|c: char| c.is_ascii_digit() || c == '.') {
@@ -40,6 +42,7 @@ mod tests {
             (&["0,5", "-1.234,5", "1,000.50", "3,2e-4"][..], "point"),
             (&["10:00:00.5", "2026-11-27T10:00:00Z"], "seconds"),
             (&["#DIV/0!", "#N/A"], "spreadsheet"),
+            (&["N/A", " null"], "left empty"),
             (&["5.3°", "-1 m/s", ".5m", "45°30'N"], "unit"),
             (&["NaN", "inf", "1e400", "-nan"], "finite"),
         ] {

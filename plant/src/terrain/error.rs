@@ -16,7 +16,7 @@ pub enum TerrainError {
         y_m: f64,
     },
     /// The place is not between the grid's outermost nodes.
-    #[error("place x {x_m} m, y {y_m} m is outside the elevation grid, which spans {extent}")]
+    #[error("place x {x_m:.3} m, y {y_m:.3} m is outside the elevation grid, which spans {extent}")]
     OutsideGrid {
         /// X_g, m.
         x_m: f64,
@@ -27,7 +27,7 @@ pub enum TerrainError {
     },
     /// A node around the place holds NODATA.
     #[error(
-        "no elevation at x {x_m} m, y {y_m} m: the grid has NODATA in row {row}, column {column} (from 1, northwest)"
+        "no elevation at x {x_m:.3} m, y {y_m:.3} m: the grid has NODATA in row {row}, column {column} (from 1, northwest)"
     )]
     NoData {
         /// X_g, m.
@@ -40,7 +40,7 @@ pub enum TerrainError {
         column: usize,
     },
     /// The place is too far from the route for its elevation to say anything.
-    #[error("place x {x_m} m, y {y_m} m is more than {distance_max_m} m from the route")]
+    #[error("place x {x_m:.3} m, y {y_m:.3} m is more than {distance_max_m} m from the route")]
     OffRoute {
         /// X_g, m.
         x_m: f64,

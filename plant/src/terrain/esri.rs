@@ -28,7 +28,10 @@ pub(super) fn parse(text: &str) -> Result<Grid, TerrainError> {
     };
     let header = words.header()?;
     let (columns, rows) = header.size()?;
-    let cell_m = Bounds::new(1e-3, 1e4, "m").check("cellsize", header.cell.side_m()?)?;
+    // Grids in degrees have cells of up to 30 arc seconds, 0.0083.
+    let cell_m = Bounds::new(0.01, 1e4, "m")
+        .with_note("not in degrees: `gdalwarp -t_srs EPSG:... FILE OUT` projects, as to UTM")
+        .check("cellsize", header.cell.side_m()?)?;
     let count = columns * rows;
     // A height takes two characters at least, so that a false header cannot reserve memory.
     let mut heights_m = Vec::with_capacity(count.min(text.len() / 2 + 1));
@@ -140,7 +143,7 @@ impl GridHeader {
     }
 }
 
-const KEYS: &str = "a header key (ncols, nrows, xllcorner or xllcenter, yllcorner or yllcenter, cellsize or dx and dy, NODATA_value), each once, before the heights";
+const KEYS: &str = "a header key (ncols, nrows, xllcorner or xllcenter, yllcorner or yllcenter, cellsize or dx and dy, NODATA_value), each once, before the heights; `gdal_translate -of AAIGrid FILE OUT.asc` makes such a file of other grids";
 
 /// Words of a text, each with its line from 1.
 struct Words<'a, I: Iterator<Item = (usize, &'a str)>> {
@@ -163,10 +166,11 @@ impl<'a, I: Iterator<Item = (usize, &'a str)>> Words<'a, I> {
             self.words.next();
             self.line = line;
             let key = word.to_ascii_lowercase();
-            let expected = "a finite number after the header key";
             let number = match key.as_str() {
-                "nodata_value" => self.value(expected)?,
-                _ => self.number(expected)?,
+                "nodata_value" => {
+                    self.value("a number that marks unknown heights, such as -9999")?
+                }
+                _ => self.number("a finite number after the header key")?,
             };
             let repeated = match key.as_str() {
                 "ncols" => columns.replace(number).is_some(),
@@ -313,6 +317,23 @@ mod tests {
         let text = error_of(&GOOD.replace("nrows 3\n", ""));
         assert!(text.contains("line 6") && text.contains("\"1\""), "{text}");
         assert!(error_of("").contains("the end of the text"));
+        for (from, to, says) in [
+            ("ncols", "north: 50\nncols", "gdal_translate -of AAIGrid"),
+            (
+                "cellsize 10",
+                "cellsize 0.008333",
+                "not in degrees: `gdalwarp",
+            ),
+            (
+                "nrows 3",
+                "nrows 3\nNODATA_value null",
+                "marks unknown heights, such as -9999",
+            ),
+        ] {
+            assert!(GOOD.contains(from));
+            let text = error_of(&GOOD.replacen(from, to, 1));
+            assert!(text.contains(says), "{text}");
+        }
     }
 
     #[test]
