@@ -16,6 +16,34 @@ pub enum Suspicion {
         /// Median distance of two rows, s.
         step_s: f64,
     },
+    /// The heading turns with the direction of travel only if it is taken for degrees.
+    #[error(
+        "yaw turns with the direction of travel if it is read as degrees: it must be in radians"
+    )]
+    YawUnit,
+    /// The poses leave out a way.
+    #[error(
+        "jumps of the poses: {count}; the longest is of {length_m:.1} m within {duration_s:.2} s, at {time_s:.2} s: \
+         localisation lost its place there or was set anew; cut the log there"
+    )]
+    Jumps {
+        /// Number of jumps.
+        count: usize,
+        /// Length of the longest, m.
+        length_m: f64,
+        /// Time from the pose before it, s.
+        duration_s: f64,
+        /// Time of the log behind it, s.
+        time_s: f64,
+    },
+    /// The treads stand where the vehicle drives.
+    #[error(
+        "where the poses move the treads stand in {share:.0} % of the rows: do the speeds come from the encoders of the wheels?"
+    )]
+    TreadsStand {
+        /// Share of the moving rows, percent.
+        share: f64,
+    },
     /// The vehicle turns against its treads.
     #[error(
         "the poses turn against the treads (correlation of yaw rate and v_right - v_left: {correlation:.2}): \
@@ -94,7 +122,9 @@ fn time_unit(step_s: f64) -> &'static str {
 }
 
 fn distance_cause(ratio: f64) -> &'static str {
-    if ratio > 4.0 {
+    if ratio < 0.02 {
+        "are the positions in mm or cm? They must be in m"
+    } else if ratio > 3.0 {
         "are the speeds km/h, rad/s or rpm? They must be m/s (`tread_speed_scale` of --columns converts; for a bag \
          `radius_m` of --topics)"
     } else if ratio > 1.0 {
@@ -121,6 +151,9 @@ struct LogStretch {
     /// Right less left tread, m/s.
     difference_m_s: f64,
     yaw_rate_rad_s: f64,
+    /// Heading at the start, and direction of travel from x.
+    yaw_rad: f64,
+    course_rad: f64,
     /// Displacement by the poses along and to the left of the heading half way, m.
     forward_m: f64,
     left_m: f64,
@@ -151,7 +184,17 @@ impl DriveLog {
         if angle_rad > ATTITUDE_MAX_RAD {
             found.push(Suspicion::AttitudeUnit { angle_rad });
         }
+        if let Some(jumps) = jumps(self.rows()) {
+            // Other verdicts on the treads would follow from it.
+            found.push(jumps);
+            return found;
+        }
         let stretches = stretches(self.rows());
+        if is_yaw_in_degrees(&stretches) {
+            found.push(Suspicion::YawUnit);
+            return found;
+        }
+        found.extend(standing(&stretches));
         if let Some(reversed) = reversed_side(&stretches) {
             // Any other verdict would follow from it.
             found.push(reversed);
@@ -161,6 +204,74 @@ impl DriveLog {
         found.extend(distance(&stretches));
         found
     }
+}
+
+/// Returns whether poses are farther apart than a vehicle gets between them.
+fn jumps(rows: &[LogRow]) -> Option<Suspicion> {
+    /// Shortest jump, m: noise is less.
+    const LENGTH_MIN_M: f64 = 1.0;
+    /// Faster than a vehicle with treads, m/s.
+    const SPEED_MAX_M_S: f64 = 20.0;
+    let mut poses = rows.iter().filter_map(|row| Some((row.time_s, row.pose?)));
+    let (mut time_before_s, mut before) = poses.next()?;
+    let (mut count, mut longest) = (0, (0.0, 0.0, 0.0));
+    for (time_s, pose) in poses {
+        let length_m = (pose.x_m - before.x_m).hypot(pose.y_m - before.y_m);
+        let duration_s = time_s - time_before_s;
+        if length_m > LENGTH_MIN_M.max(SPEED_MAX_M_S * duration_s) {
+            count += 1;
+            if length_m > longest.0 {
+                longest = (length_m, duration_s, time_s);
+            }
+        }
+        (time_before_s, before) = (time_s, pose);
+    }
+    let (length_m, duration_s, time_s) = longest;
+    // More are a wrong unit.
+    (count > 0 && 10 * count <= rows.len()).then_some(Suspicion::Jumps {
+        count,
+        length_m,
+        duration_s,
+        time_s,
+    })
+}
+
+/// Returns whether heading and direction of travel keep their angle with the yaw taken for degrees, and not as it is.
+fn is_yaw_in_degrees(stretches: &[LogStretch]) -> bool {
+    let moving: Vec<&LogStretch> = stretches
+        .iter()
+        .filter(|s| s.forward_m.hypot(s.left_m) > 2.0 * MOVING_M_S * s.duration_s)
+        .collect();
+    // Length of the mean direction of the angles between both, from 0 to 1.
+    let constancy = |unit_rad: f64| {
+        let angles = moving.iter().map(|s| s.course_rad - unit_rad * s.yaw_rad);
+        let (sin, cos) = angles.fold((0.0, 0.0), |(sin, cos), angle| {
+            (sin + angle.sin(), cos + angle.cos())
+        });
+        f64::hypot(sin, cos) / moving.len() as f64
+    };
+    let turns = moving
+        .iter()
+        .any(|s| s.yaw_rad.abs() > std::f64::consts::TAU);
+    moving.len() >= ROWS_MIN
+        && turns
+        && constancy(1_f64.to_radians()) > 0.95
+        && constancy(1.0) < 0.7
+}
+
+/// Returns whether the treads stand for most of the drive.
+fn standing(stretches: &[LogStretch]) -> Option<Suspicion> {
+    let moving = stretches
+        .iter()
+        .filter(|s| s.forward_m.hypot(s.left_m) > 2.0 * MOVING_M_S * s.duration_s);
+    let (mut count, mut stand) = (0, 0);
+    for stretch in moving {
+        count += 1;
+        let fastest_m_s = stretch.traction_m_s.abs() + 0.5 * stretch.difference_m_s.abs();
+        stand += usize::from(fastest_m_s < 0.1 * MOVING_M_S);
+    }
+    let share = 100.0 * stand as f64 / count as f64;
+    (count >= ROWS_MIN && share > 50.0).then_some(Suspicion::TreadsStand { share })
 }
 
 /// Returns whether the vehicle goes where its treads would with the sign of one side reversed.
@@ -282,6 +393,8 @@ fn stretches(rows: &[LogRow]) -> Vec<LogStretch> {
                 traction_m_s: mean(&|r| 0.5 * (r.speeds.left_m_s + r.speeds.right_m_s)),
                 difference_m_s: mean(&|r| r.speeds.right_m_s - r.speeds.left_m_s),
                 yaw_rate_rad_s: turned / duration_s,
+                yaw_rad: from.yaw_rad,
+                course_rad: dy.atan2(dx),
                 forward_m: -sin * dx + cos * dy,
                 left_m: -cos * dx - sin * dy,
             });
@@ -378,5 +491,28 @@ mod tests {
         says(log(antennas(10.0)), "`heading_offset_deg: 10.0`");
         says(log(antennas(-10.0)), "`heading_offset_deg: -10.0`");
         assert_eq!(log(antennas(3.0)), []);
+        says(log(scale(0.0)), "the treads stand in 100 %");
+        let in_degrees = |row: &mut LogRow| {
+            if let Some(pose) = &mut row.pose {
+                pose.yaw_rad = pose.yaw_rad.to_degrees();
+            }
+        };
+        says(log(in_degrees), "must be in radians");
+        let in_mm = |row: &mut LogRow| {
+            if let Some(pose) = &mut row.pose {
+                (pose.x_m, pose.y_m) = (1000.0 * pose.x_m, 1000.0 * pose.y_m);
+            }
+        };
+        says(log(in_mm), "in mm or cm");
+        says(log(scale(3.6)), "km/h");
+        let set_anew = |row: &mut LogRow| {
+            if let (30.0..50.0, Some(pose)) = (row.time_s, &mut row.pose) {
+                pose.x_m += 7.0;
+            }
+        };
+        says(
+            log(set_anew),
+            "jumps of the poses: 2; the longest is of 7.0 m within 0.05 s",
+        );
     }
 }
