@@ -202,7 +202,17 @@ pub(super) fn find(
         )));
     }
     let files = information.relative_file_paths.into_iter();
-    let files = files.map(|file| BagFile::new(path.join(file), max_bytes));
+    let files = files.map(|file| {
+        let named = path.join(&file);
+        if !named.exists() {
+            return Err(content(format!(
+                "names {}, which is not in the folder; rename the file so, or delete metadata.yaml: then the files are \
+                 read in the order of their numbers",
+                file.display()
+            )));
+        }
+        BagFile::new(named, max_bytes)
+    });
     Ok((files.collect::<Result<_, _>>()?, Vec::new()))
 }
 

@@ -340,6 +340,23 @@ fn what_a_power_cut_leaves_is_read_as_far_as_it_was_written() {
 }
 
 #[test]
+fn a_file_that_metadata_names_and_the_folder_lacks_is_named_with_the_remedy() {
+    let folder = tempdir().unwrap();
+    let whole = written(folder.path(), &thirty());
+    let bag = folder.path().join("bag");
+    fs::create_dir(&bag).unwrap();
+    fs::write(bag.join("renamed_0.mcap"), &whole).unwrap();
+    let metadata = "rosbag2_bagfile_information: {relative_file_paths: [bag_0.mcap]}\n";
+    fs::write(bag.join("metadata.yaml"), metadata).unwrap();
+    let error = Bag::open(&bag, None).unwrap_err().to_string();
+    for says in ["metadata.yaml: names bag_0.mcap", "delete metadata.yaml"] {
+        assert!(error.contains(says), "{error}");
+    }
+    fs::remove_file(bag.join("metadata.yaml")).unwrap();
+    assert_eq!(texts(&Bag::open(&bag, None).unwrap()).len(), 30);
+}
+
+#[test]
 fn zeros_behind_what_was_written_are_no_records() {
     let folder = tempdir().unwrap();
     let mut bytes = written(folder.path(), &thirty());

@@ -1,7 +1,7 @@
 //! Tread speeds from the velocities of joints.
 
 use super::interpolation::{Timed, at, order};
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use sidehill_bridge::ros2::message::JointState;
 use sidehill_plant::log::Reversed;
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
@@ -39,6 +39,8 @@ pub(super) struct WheelJoints<'a> {
 #[derive(Default)]
 pub(super) struct Joints {
     joints: BTreeMap<String, Timed<f64>>,
+    /// Velocities that are not finite, by joint.
+    not_finite: BTreeMap<String, usize>,
 }
 
 /// Returns the parts of a name: words between other characters, capitals and digits.
@@ -87,9 +89,12 @@ impl Joints {
             if !self.joints.contains_key(name) {
                 self.joints.insert(name.clone(), Vec::new());
             }
-            let velocity = state.velocity.get(index).filter(|value| value.is_finite());
-            if let (Some(series), Some(velocity)) = (self.joints.get_mut(name), velocity) {
-                series.push((time_ns, *velocity));
+            match (self.joints.get_mut(name), state.velocity.get(index)) {
+                (Some(series), Some(velocity)) if velocity.is_finite() => {
+                    series.push((time_ns, *velocity));
+                }
+                (_, Some(_)) => *self.not_finite.entry(name.clone()).or_default() += 1,
+                (_, None) => {}
             }
         }
     }
@@ -176,7 +181,17 @@ impl Joints {
         for names in &sides {
             notes.extend(self.apart(topic, names));
         }
-        let [left, right] = sides.map(|names| self.mean(&names));
+        for (name, count) in &self.not_finite {
+            if sides.iter().any(|names| names.contains(name)) {
+                notes.push(format!(
+                    "{topic}: {count} velocities of {name} are not finite; what lies between the others counts there"
+                ));
+            }
+        }
+        let [left, right] = sides.map(|names| {
+            let mean = self.mean(&names);
+            mean.with_context(|| format!("{bag}: {topic}"))
+        });
         let (left, right) = (left?, right?);
         let scale = wheels.radius_m.unwrap_or(1.0);
         let signs = wheels.reversed.signs();
@@ -207,7 +222,8 @@ impl Joints {
             };
             if series.is_empty() {
                 bail!(
-                    "joint {name} has no velocities; the keys `left` and `right` of `tread_speeds` name others"
+                    "joint {name} has no velocities; the keys `left` and `right` of `tread_speeds` in the topic map \
+                     (--topics) name others"
                 );
             }
             order(series);

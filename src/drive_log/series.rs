@@ -61,6 +61,10 @@ struct TopicSeries {
     unusable: Option<(usize, String)>,
     /// Stamp less time of recording of each message, s; only where stamps count.
     ahead_s: Vec<f64>,
+    /// Stamp of the message before, ns; likewise.
+    stamp_ns: Option<i64>,
+    /// Frame of the first pose.
+    frame: Option<String>,
 }
 
 /// Reads the chosen topics.
@@ -139,6 +143,15 @@ impl<'a> Collected<'a> {
                 stamp_ns => {
                     if let Some(taken) = self.topics.get_mut(&message.topic.name) {
                         taken.ahead_s.push(seconds(message.received_ns, stamp_ns));
+                        let before_ns = taken.stamp_ns.replace(stamp_ns).unwrap_or(stamp_ns);
+                        let back_s = seconds(stamp_ns, before_ns);
+                        // Transforms come from many, of which some look ahead.
+                        if back_s > CLOCKS_APART_MAX_S && message.topic.message_type != TF_MESSAGE {
+                            bail!(
+                                "its stamp is {back_s:.2} s before that of the message before: the clock was set; cut the bag \
+                                 there, or write `time: received` in the topic map (--topics): then the time of recording counts"
+                            );
+                        }
                     }
                     stamp_ns
                 }
@@ -235,12 +248,8 @@ impl<'a> Collected<'a> {
             self.tread_speeds.push((time_ns, speeds));
         }
         if for_attitude || for_pose {
-            self.pose(
-                message,
-                time_ns,
-                &odometry.pose.pose,
-                [for_attitude, for_pose],
-            );
+            let found = (&odometry.header, &odometry.pose.pose);
+            self.pose(message, time_ns, found, [for_attitude, for_pose])?;
         }
         Ok(())
     }
@@ -261,8 +270,7 @@ impl<'a> Collected<'a> {
             (found.header, found.pose)
         };
         let time_ns = self.time_ns(message, &header)?;
-        self.pose(message, time_ns, &pose, [for_attitude, for_pose]);
-        Ok(())
+        self.pose(message, time_ns, (&header, &pose), [for_attitude, for_pose])
     }
 
     /// Takes a pose of a message for the attitude, the pose or both.
@@ -270,9 +278,19 @@ impl<'a> Collected<'a> {
         &mut self,
         message: &RecordedMessage<'_>,
         time_ns: i64,
-        pose: &message::Pose,
+        (header, pose): (&Header, &message::Pose),
         [for_attitude, for_pose]: [bool; 2],
-    ) {
+    ) -> Result<()> {
+        if let Some(taken) = self.topics.get_mut(&message.topic.name) {
+            let first = taken.frame.get_or_insert_with(|| header.frame_id.clone());
+            if *first != header.frame_id {
+                bail!(
+                    "its frame is {:?}, that of the messages before {first:?}: poses of two frames are no drive; cut the bag \
+                     there, or record each on a topic of its own",
+                    header.frame_id
+                );
+            }
+        }
         match from_pose(pose) {
             Ok(pose) => {
                 let (pose, attitude) = pose_and_attitude(&pose);
@@ -285,6 +303,7 @@ impl<'a> Collected<'a> {
             }
             Err(reason) => self.unusable(message, reason),
         }
+        Ok(())
     }
 
     fn fix(&mut self, message: &RecordedMessage<'_>) -> Result<()> {

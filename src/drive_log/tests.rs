@@ -11,6 +11,8 @@ use sidehill_bridge::ros2::message::{
 use sidehill_plant::frames::{Attitude, ros_quaternion};
 use std::path::Path;
 
+mod faults;
+
 const START_NS: i64 = 1_700_000_000_000_000_000;
 
 fn header(time_ns: i64, frame_id: &str) -> Header {
@@ -531,63 +533,6 @@ fn an_imu_with_other_axes_is_named_and_turned_by_its_key() {
             "{axes}: {attitude:?}"
         );
     }
-}
-
-#[test]
-fn stamps_of_two_clocks_are_refused_and_times_of_recording_taken() {
-    let mut messages = straight(
-        |time_ns| vec![joints(time_ns, 2.0, 2.0)],
-        &UnitQuaternion::identity(),
-    );
-    // The Imu stamps with the time of GPS, 18 s ahead of UTC.
-    for (topic, _, time_ns, data) in &mut messages {
-        if *topic == "/imu" {
-            let ahead = imu(
-                *time_ns + 18_000_000_000,
-                "base_link",
-                &UnitQuaternion::identity(),
-            );
-            *data = ahead.3;
-        }
-    }
-    let found = error(JOINTS, &messages);
-    assert!(
-        found.contains("/imu")
-            && found.contains("18.00 s apart")
-            && found.contains("time: received"),
-        "{found}"
-    );
-    let log = log(&format!("{JOINTS}time: received"), &messages);
-    assert_eq!(log.rows().len() as i64, STEPS);
-}
-
-#[test]
-fn values_that_are_no_numbers_are_left_out_and_topics_without_any_refused() {
-    let forward = |time_ns| vec![joints(time_ns, 2.0, 2.0)];
-    let mut messages = straight(forward, &UnitQuaternion::identity());
-    let lost = Isometry3::from_parts(
-        Translation3::new(f64::NAN, 0.0, 0.0),
-        UnitQuaternion::identity(),
-    );
-    let time_ns = START_NS + 10 * 50_000_000;
-    for message in &mut messages {
-        if message.0 == "/pose" && message.2 == time_ns {
-            *message = posed(time_ns, &lost);
-        }
-    }
-    assert_eq!(log(JOINTS, &messages).pose_count() as i64, STEPS - 1);
-    for message in &mut messages {
-        if message.0 == "/pose" {
-            *message = posed(message.2, &lost);
-        }
-    }
-    let found = error(JOINTS, &messages);
-    assert!(
-        found.contains(
-            "topic /pose: none of its 260 messages can be used; of the first position is not finite"
-        ),
-        "{found}"
-    );
 }
 
 #[test]
