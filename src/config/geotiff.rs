@@ -1,5 +1,6 @@
 //! Elevation grids in GeoTIFF, as the text of an ESRI ASCII grid.
 
+use super::geo_keys::GeoKeys;
 use std::fmt::Write;
 use std::io::Cursor;
 use tiff::ColorType;
@@ -8,19 +9,6 @@ use tiff::tags::Tag;
 
 /// Most bytes of the heights: 16 million of double precision.
 const HEIGHTS_MAX: usize = 128_000_000;
-/// Keys of the directory of GeoTIFF 1.1, with the values that matter.
-const MODEL_TYPE: u16 = 1024;
-/// Latitude and longitude; the others are a projection, or none that is known.
-const GEOGRAPHIC: u16 = 2;
-const GEOCENTRIC: u16 = 3;
-const RASTER_TYPE: u16 = 1025;
-const POINTS: u16 = 2;
-const GEODETIC: u16 = 2048;
-const LINEAR_UNIT: u16 = 3076;
-const VERTICAL_UNIT: u16 = 4099;
-/// Units by their numbers in the registry of the EPSG.
-const METRE: u16 = 9001;
-const USER_DEFINED: u16 = 32767;
 /// Where GDAL keeps scale, offset and unit of the heights, as XML.
 const GDAL_METADATA: Tag = Tag::Unknown(42112);
 
@@ -46,26 +34,21 @@ pub(super) fn to_esri(bytes: &[u8]) -> Result<String, String> {
                 .to_owned(),
         );
     }
-    let keys = decoder.get_tag_u16_vec(Tag::GeoKeyDirectoryTag).ok();
-    let keys = keys.unwrap_or_default();
-    // A header of four numbers, then for each key its number, place, count and value.
-    let value = |key: u16| {
-        let mut entries = keys.chunks_exact(4).skip(1);
-        entries.find(|entry| entry[0] == key).map(|entry| entry[3])
+    let keys = GeoKeys {
+        directory: decoder.get_tag_u16_vec(Tag::GeoKeyDirectoryTag),
+        numbers: decoder.get_tag_f64_vec(Tag::GeoDoubleParamsTag),
+        texts: decoder.get_tag_ascii_string(Tag::GeoAsciiParamsTag),
     };
-    let model = value(MODEL_TYPE).or(value(GEODETIC).map(|_| GEOGRAPHIC));
-    if matches!(model, Some(GEOGRAPHIC | GEOCENTRIC)) {
+    if !keys.is_flat() {
         return Err(
             "its places are in degrees or from the centre of the earth, must be in m; `gdalwarp -t_srs EPSG:... FILE OUT` \
              projects it, as to UTM"
                 .to_owned(),
         );
     }
-    let other_unit = |key| value(key).filter(|unit| !matches!(*unit, METRE | USER_DEFINED));
-    if let Some(unit) = other_unit(LINEAR_UNIT) {
+    if let Some(unit) = keys.unit_of_places() {
         return Err(format!(
-            "its places are in the unit EPSG:{unit}, as feet are, must be in m; `gdalwarp -t_srs EPSG:... FILE OUT` projects \
-             it, as to UTM"
+            "its places are in the unit {unit}, must be in m; `gdalwarp -t_srs EPSG:... FILE OUT` projects it, as to UTM"
         ));
     }
     let metadata = decoder.get_tag_ascii_string(GDAL_METADATA).ok();
@@ -78,7 +61,7 @@ pub(super) fn to_esri(bytes: &[u8]) -> Result<String, String> {
     let metres = ["", "m", "metre", "metres", "meter", "meters"];
     let unit = item("unittype").filter(|unit| !metres.contains(&unit.to_lowercase().as_str()));
     let unit = unit.map(str::to_owned);
-    if let Some(unit) = unit.or(other_unit(VERTICAL_UNIT).map(|unit| format!("EPSG:{unit}"))) {
+    if let Some(unit) = unit.or_else(|| keys.unit_of_heights()) {
         return Err(format!(
             "its heights are in the unit {unit}, must be in m; for feet `gdal_calc.py -A FILE --calc='0.3048*A' \
              --type=Float32 --outfile=OUT.tif` converts them"
@@ -111,7 +94,7 @@ pub(super) fn to_esri(bytes: &[u8]) -> Result<String, String> {
             "its NODATA value {text:?} is no number; `gdal_edit.py -a_nodata -9999 FILE` sets one"
         ));
     }
-    let (place, below) = if value(RASTER_TYPE) == Some(POINTS) {
+    let (place, below) = if keys.are_points() {
         ("center", f64::from(rows) - 1.0)
     } else {
         ("corner", f64::from(rows))
@@ -177,12 +160,17 @@ mod tests {
         )
         .unwrap();
         tags.write_tag(Tag::GeoKeyDirectoryTag, keys).unwrap();
+        tags.write_tag(Tag::GeoDoubleParamsTag, &[0.3048, 1.0][..])
+            .unwrap();
+        tags.write_tag(Tag::GeoAsciiParamsTag, NAMES).unwrap();
         tags.write_tag(Tag::GdalNodata, nodata).unwrap();
         tags.write_tag(GDAL_METADATA, metadata).unwrap();
         image.write_data(heights).unwrap();
         bytes.into_inner()
     }
 
+    /// The names of systems that keys of a file may be, each with its end.
+    const NAMES: &str = "NAD83 / Maine East (ftUS)|A / B + C height (ft)|A / B + C height|";
     const HEIGHTS: [f32; 6] = [1.5, 2.0, 3.0, 4.0, 5.0, f32::MIN];
     const PROJECTED: [u16; 8] = [1, 1, 0, 1, 1024, 0, 1, 1];
 
@@ -218,6 +206,29 @@ mod tests {
                 "",
                 "heights are in the unit EPSG:9002",
             ),
+            // A unit of its own, of 0.3048 m.
+            (
+                keys(&[3076, 0, 1, 32767, 3077, 34736, 1, 0]),
+                "",
+                "unit of 0.3048 m",
+            ),
+            // No unit, but a system: by its number, by its name.
+            (keys(&[3072, 0, 1, 2229]), "", "of EPSG:2229, the foot"),
+            (
+                keys(&[3072, 0, 1, 26847, 1026, 34737, 26, 0]),
+                "",
+                "NAD83 / Maine East (ftUS)",
+            ),
+            (
+                keys(&[3072, 0, 1, 6348, 4096, 0, 1, 6360]),
+                "",
+                "heights are in the unit of EPSG:6360",
+            ),
+            (
+                keys(&[1026, 34737, 22, 26]),
+                "",
+                "heights are in the unit of C height (ft)",
+            ),
             (vec![1, 1, 0, 1, 2048, 0, 1, 4326], "", "degrees"),
             (vec![1, 1, 0, 1, 1024, 0, 1, 3], "", "centre of the earth"),
             (
@@ -243,6 +254,16 @@ mod tests {
             "<Item name=\"SCALE\" role=\"scale\">1</Item><Item role=\"unittype\">metre</Item>";
         let keys = keys(&[3076, 0, 1, 9001, 4099, 0, 1, 9001]);
         assert!(to_esri(&with_metadata(&HEIGHTS, &keys, "-1", metres)).is_ok());
+        for more in [
+            &[3072, 0, 1, 2056, 4096, 0, 1, 5703, 1026, 34737, 17, 48][..],
+            &[3076, 0, 1, 32767, 3077, 34736, 1, 1],
+            // What a file says itself counts more than the name of its system, and ends of tags are kept.
+            &[3076, 0, 1, 9001, 1026, 34737, 26, 0],
+            &[1026, 34737, 9000, 9000, 3077, 34736, 1, 9000],
+        ] {
+            let keys = [&PROJECTED[..], more].concat();
+            assert!(to_esri(&written(&HEIGHTS, &keys, "-1")).is_ok(), "{more:?}");
+        }
         let error = to_esri(&written(&HEIGHTS, &PROJECTED, "none")).unwrap_err();
         assert!(error.contains("\"none\" is no number"), "{error}");
     }

@@ -6,6 +6,7 @@ mod campaign;
 mod conditions;
 mod draws;
 mod file;
+mod geo_keys;
 mod geotiff;
 mod ground;
 mod hints;
