@@ -1,8 +1,8 @@
 //! `sidehill check`: validates configuration files.
 
 use crate::config::{
-    Campaign, Conditions, ConfigFile, LiveOdometryConfig, LoadedReference, Overrides, RunConfig,
-    RunPort, Scenario, Source, VehicleConfig, ground_along, ground_point, load_layout,
+    Campaign, Conditions, ConfigFile, LiveOdometryConfig, LoadedReference, NO_KEYS, Overrides,
+    RunConfig, RunPort, Scenario, Source, VehicleConfig, ground_along, ground_point, load_layout,
     point_behind_icrs, read_route, route_warnings,
 };
 use crate::console;
@@ -172,6 +172,9 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
         _ => {}
     }
     let keys: serde_yaml::Mapping = file.parse()?;
+    if keys.is_empty() {
+        return Err(file.error(NO_KEYS).into());
+    }
     let has = |key: &str| keys.contains_key(key);
     // Written by `tune`; a configuration of `run` has no name.
     let settings = has("name") && has("controller");

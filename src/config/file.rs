@@ -1,7 +1,7 @@
 use super::geotiff;
 use super::hints::{
     control_character, decoded_xml, indented_by_tab, key_of_value, keys_named, other_kind,
-    shortened, syntax_hint, type_hint,
+    syntax_hint, type_hint,
 };
 use super::keys::Keys;
 use super::overlay::overlay;
@@ -13,6 +13,10 @@ use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
+
+/// Why a YAML file without a key is refused.
+pub(crate) const NO_KEYS: &str = "has no keys, as `name: field` is one: it is empty or not YAML; `sidehill init` writes \
+                                  files to begin with";
 
 /// An error of a configuration file, with its name.
 #[derive(Debug, thiserror::Error)]
@@ -317,7 +321,11 @@ impl ConfigFile {
             )));
         }
         serde_yaml::from_str(&self.text).map_err(|error| {
-            if let Some(twice) = Keys::of(&self.text).duplicate() {
+            let keys = Keys::of(&self.text);
+            if keys.complete && keys.keys.is_empty() {
+                return self.content(NO_KEYS.to_owned());
+            }
+            if let Some(twice) = keys.duplicate() {
                 let (first, second) = twice.lines;
                 return self.error(format!(
                     "{}: the key occurs twice, in lines {first} and {second}; remove one",
@@ -339,14 +347,13 @@ impl ConfigFile {
                     "line {line}: has a character that is not visible and not allowed; remove it"
                 ));
             }
-            let keys = Keys::of(&self.text);
             let hint = removed::hint(&keys, &message)
                 .or_else(|| syntax_hint(&message))
                 .or_else(|| other_kind(&self.text, &message))
                 .or_else(|| key_of_value(&keys, &message));
             self.error(format!(
                 "{}{}{}",
-                shortened(&message),
+                message,
                 hint.unwrap_or_default(),
                 type_hint(&message)
             ))
@@ -361,6 +368,10 @@ impl ConfigFile {
         {
             message += &format!(" (line {line})");
         }
+        self.content(message)
+    }
+
+    fn content(&self, message: String) -> ConfigError {
         ConfigError::Content {
             file: self.name(),
             message,

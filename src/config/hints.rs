@@ -124,20 +124,6 @@ pub(super) fn type_hint(message: &str) -> &'static str {
     }
 }
 
-/// Returns a message with the beginning of a long text that it quotes.
-pub(super) fn shortened(message: &str) -> String {
-    const QUOTED: usize = 100;
-    let quoted = message.split_once("string \"").and_then(|(before, rest)| {
-        let (text, after) = rest.rsplit_once("\", expected")?;
-        let (end, _) = text.char_indices().nth(QUOTED)?;
-        Some(format!(
-            "{before}string \"{} ...\", expected{after}",
-            &text[..end]
-        ))
-    });
-    quoted.unwrap_or_else(|| message.to_owned())
-}
-
 /// Returns the line, counted from 1, of the first character that YAML does not allow.
 pub(super) fn control_character(text: &str) -> Option<usize> {
     let forbidden = |c: char| c.is_control() && !matches!(c, '\n' | '\r' | '\t' | '\u{85}');
@@ -148,6 +134,9 @@ pub(super) fn control_character(text: &str) -> Option<usize> {
 /// Returns which other kind of file a text looks like, if it has the key by which that kind is known and the
 /// message does not expect that key.
 pub(super) fn other_kind(text: &str, message: &str) -> Option<String> {
+    if !message.contains(" field `") {
+        return None;
+    }
     let keys: serde_yaml::Mapping = serde_yaml::from_str(text).ok()?;
     let conditions =
         |key: &serde_yaml::Value| key.as_str().is_some_and(|key| CONDITIONS.contains(&key));

@@ -34,6 +34,7 @@ pub use bus::load_layout;
 pub use campaign::{Campaign, Drawn};
 pub use conditions::Conditions;
 pub(crate) use draws::{find, put};
+pub(crate) use file::NO_KEYS;
 pub use file::{
     Bundle, CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigError, ConfigFile, DEFAULT_SCENARIO, to_yaml,
 };

@@ -102,7 +102,17 @@ fn files_of_another_format_are_recognised() {
         (
             "prose.yaml",
             "to be written ".repeat(9000).into_bytes(),
-            " ...\", expected a YAML mapping",
+            "has no keys",
+        ),
+        (
+            "to_do.yaml",
+            b"# to be written\n".to_vec(),
+            "`sidehill init` writes files",
+        ),
+        (
+            "declared.gpx",
+            b"<?xml version=\"1.0\"?>\n<!DOCTYPE gpx>\n<gpx/>".to_vec(),
+            "remove its line <!DOCTYPE",
         ),
         (
             "waypoints.gpx",
