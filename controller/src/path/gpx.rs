@@ -162,8 +162,15 @@ pub fn read_gpx(mut reader: impl Read, datum: Option<&GeodeticOrigin>) -> Result
             "this is not XML, so no GPX; a CSV file must be named .csv",
         ));
     }
-    let document = roxmltree::Document::parse(text)
-        .map_err(|error| fault(error.pos().row, error.to_string()))?;
+    let document = roxmltree::Document::parse(text).map_err(|error| {
+        let remedy = match error {
+            roxmltree::Error::DtdDetected => {
+                "; remove its line <!DOCTYPE ...>, which a GPX does not need"
+            }
+            _ => "",
+        };
+        fault(error.pos().row, format!("{error}{remedy}"))
+    })?;
     let root = document.root_element();
     if root.tag_name().name() != "gpx" {
         let name = root.tag_name().name();
