@@ -7,7 +7,7 @@ use sidehill_controller::path::{Point2, RawPoint, Smoothing, estimated_accuracy_
 const STEP_M: f64 = 0.05;
 /// Largest distance of two points of the path, m, so that heights and curves are kept.
 const SPACING_MAX_M: f64 = 1.0;
-/// Shortest path, m.
+/// Least reach of a drive, m.
 const LENGTH_MIN_M: f64 = 0.5;
 /// Reach of the Gaussian in standard deviations.
 const REACH: f64 = 3.0;
@@ -76,6 +76,13 @@ const SAMPLE_M: f64 = 0.1;
 /// sharp.
 pub(crate) fn drivable(recorded: &[[f64; 3]], making: &Making) -> Result<Made> {
     check_leaps(recorded)?;
+    let from_first_m = recorded.iter().map(|at| horizontal(&recorded[0], at));
+    let reach_m = from_first_m.fold(0.0, f64::max);
+    if reach_m < LENGTH_MIN_M && !recorded.is_empty() {
+        bail!(
+            "it holds no drive: its positions are within {reach_m:.2} m of the first, at least {LENGTH_MIN_M} m are needed"
+        );
+    }
     let positions = match making.smoothing_m {
         Some(std_m) => {
             let moving = without_standstill(recorded);
@@ -133,11 +140,6 @@ pub(crate) fn drivable(recorded: &[[f64; 3]], making: &Making) -> Result<Made> {
         },
     };
     let length_m = path.path.length_m();
-    if length_m < LENGTH_MIN_M {
-        bail!(
-            "it holds no drive: its positions cover {length_m:.2} m, at least {LENGTH_MIN_M} m are needed"
-        );
-    }
     let heights = heights(&positions, &path.arc_lengths_m, making.smoothing_m);
     let steps = (length_m / SAMPLE_M).ceil() as usize;
     let mut along_m: Vec<f64> = (0..=steps)
@@ -357,12 +359,17 @@ fn from_segment(point: &[f64; 3], a: &[f64; 3], b: &[f64; 3]) -> f64 {
 /// Returns the largest distance of a recorded position from the path, each compared with the part of the path it
 /// belongs to by order, so that a crossing does not hide an error.
 fn deviation(recorded: &[[f64; 3]], path: &[[f64; 3]]) -> f64 {
-    /// Segments looked ahead.
+    /// Segments looked ahead, beyond the way from the position before.
     const AHEAD: usize = 8;
+    let along_m = distances(path);
     let mut at = 0;
+    let mut before = recorded.first();
     let mut largest = 0.0_f64;
     for point in recorded {
-        let ahead = at..(at + AHEAD).min(path.len() - 1);
+        let leg_m = before.map_or(0.0, |before| horizontal(before, point));
+        before = Some(point);
+        let reached = along_m.partition_point(|at_m| *at_m < along_m[at] + leg_m);
+        let ahead = at..(reached + AHEAD).min(path.len() - 1);
         let nearest = ahead
             .map(|index| (index, from_segment(point, &path[index], &path[index + 1])))
             .min_by(|a, b| a.1.total_cmp(&b.1));
@@ -429,6 +436,13 @@ mod tests {
             "{}",
             path.deviation_m
         );
+    }
+
+    #[test]
+    fn fixes_far_apart_are_as_near_to_their_path_as_it_says() {
+        let recorded: Vec<[f64; 3]> = (0..6).map(|i| [0.0, 50.0 * f64::from(i), 0.0]).collect();
+        let path = drivable(&recorded, &MAKING).unwrap().thinned;
+        assert!(path.deviation_m < 1.0, "{}", path.deviation_m);
     }
 
     const MAKING: Making = Making {
@@ -520,10 +534,17 @@ mod tests {
     fn what_is_no_drive_is_refused() {
         let error = |points: &[[f64; 3]]| drivable(points, &MAKING).unwrap_err().to_string();
         assert!(error(&[]).contains("no points"));
-        assert!(error(&[[1.0, 2.0, 3.0]; 50]).contains("same place"));
-        let stands: Vec<[f64; 3]> = (0..50)
-            .map(|i| [0.001 * f64::from(i % 7), 0.0, 3.0])
-            .collect();
-        assert!(drivable(&stands, &MAKING).is_err());
+        // A receiver that stands still wanders.
+        let wandering = |i: u32| {
+            [
+                0.002 * f64::from(7 * i).sin(),
+                0.002 * f64::from(5 * i).cos(),
+                0.0,
+            ]
+        };
+        let wanders: Vec<[f64; 3]> = (0..600).map(wandering).collect();
+        for stands in [&[[1.0, 2.0, 3.0]; 50][..], &wanders] {
+            assert!(error(stands).contains("within 0.00 m of the first"));
+        }
     }
 }
