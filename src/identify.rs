@@ -169,6 +169,10 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
     Bounds::new(0.0, 10.0, "s").check("--smoothing-s", args.smoothing_s)?;
     for path in std::iter::once(&args.out).chain(&args.report) {
         output::check_writable(path, args.force)?;
+        output::check_apart(
+            path,
+            args.level.iter().chain(&args.slope).chain(&args.drives),
+        )?;
     }
     progress::explain_interrupt(|| "interrupted: nothing was written".to_owned())?;
     if !args.drives.is_empty() {

@@ -87,6 +87,7 @@ impl From<MeanSquaredErrors> for OdometryFigures {
 pub fn run(args: &OdometryArgs) -> Result<()> {
     if let Some(path) = &args.report {
         output::check_writable(path, args.force)?;
+        output::check_apart(path, &args.log)?;
     }
     let (Some(path), Some(vehicle)) = (&args.log, &args.vehicle) else {
         bail!("a log and --vehicle FILE are needed");

@@ -58,6 +58,24 @@ pub fn check_writable(path: &Path, force: bool) -> Result<()> {
         })
 }
 
+/// Checks that a file that is written is none of those that are read, which `--force` would lose.
+///
+/// # Errors
+/// Names the file that is both.
+pub fn check_apart<'a>(path: &Path, read: impl IntoIterator<Item = &'a PathBuf>) -> Result<()> {
+    let Ok(written) = path.canonicalize() else {
+        return Ok(());
+    };
+    let mut read = read.into_iter();
+    if read.any(|read| read.canonicalize().is_ok_and(|read| read == written)) {
+        bail!(
+            "{}: is read, and what was recorded would be lost; name another file to write",
+            path.display()
+        );
+    }
+    Ok(())
+}
+
 /// Writes a file atomically: to a temporary file beside it, then renamed.
 ///
 /// # Errors
@@ -143,6 +161,22 @@ mod tests {
         assert_eq!(text("b.log.2").as_deref(), Some("run 1"));
         assert_eq!(text("a.log.2"), None);
         assert_eq!(text("a.log").as_deref(), Some("run 2"));
+    }
+
+    #[test]
+    fn what_is_read_is_not_written_under_whatever_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let log = folder.path().join("log.csv");
+        let other = folder.path().join("other.csv");
+        std::fs::write(&log, "recorded").unwrap();
+        check_apart(&other, [&log]).unwrap();
+        std::fs::write(&other, "written").unwrap();
+        check_apart(&other, [&log]).unwrap();
+        let same = folder.path().join(".").join("log.csv");
+        for name in [&log, &same] {
+            let error = check_apart(name, [&other, &log]).unwrap_err().to_string();
+            assert!(error.contains("log.csv: is read"), "{error}");
+        }
     }
 
     #[test]

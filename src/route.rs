@@ -199,6 +199,7 @@ fn prepare(args: &RouteArgs) -> Result<(Form, Making)> {
         None => Smoothing::default(),
     };
     output::check_writable(&args.out, args.force)?;
+    output::check_apart(&args.out, [&args.from])?;
     let making = Making {
         accuracy_m: args.accuracy_m,
         smoothing_m: args.smoothing_m,

@@ -64,6 +64,7 @@ pub fn run(args: &ReportArgs) -> Result<ExitCode> {
     let files = [&args.out, &args.geojson, &args.kml];
     for file in files.into_iter().flatten() {
         output::check_writable(file, args.force)?;
+        output::check_apart(file, [&args.recording])?;
     }
     let (input, facts) = read(&args.recording, &args.limits)?;
     if args.geojson.is_some() || args.kml.is_some() {

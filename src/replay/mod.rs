@@ -63,6 +63,7 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
     );
     if let Some(report) = &args.report {
         output::check_writable(report, args.force)?;
+        output::check_apart(report, [&args.recording])?;
     }
     let lost = lost(&recording);
     let changes = args.changes();
