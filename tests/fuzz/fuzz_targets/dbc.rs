@@ -1,22 +1,26 @@
 //! CAN databases, by the layouts of the repository.
 #![no_main]
-use sidehill_fuzz::{Scratch, check_file, repository, target};
-use std::path::PathBuf;
+use sidehill::config::ConfigFile;
+use sidehill_can::config::CanConfig;
+use sidehill_can::database::Database;
+use sidehill_can::layout::Layout;
+use sidehill_fuzz::{repository, target};
 use std::sync::LazyLock;
 
-static SCRATCH: LazyLock<Scratch> = LazyLock::new(Scratch::default);
-static LAYOUTS: LazyLock<[PathBuf; 2]> = LazyLock::new(|| {
-    [("can.yaml", "j8.dbc"), ("cia402.yaml", "cia402.dbc")].map(|(layout, database)| {
-        let text =
-            std::fs::read_to_string(repository("config/bridge").join(layout)).expect("a layout");
-        assert!(text.contains(database));
-        SCRATCH.file(layout, text.replace(database, "fuzz.dbc").as_bytes())
+static LAYOUTS: LazyLock<[CanConfig; 2]> = LazyLock::new(|| {
+    ["can.yaml", "cia402.yaml"].map(|name| {
+        let file = ConfigFile::read(&repository("config/bridge").join(name)).expect("a file");
+        file.parse().expect("a layout")
     })
 });
 
 target!(|data| {
-    SCRATCH.file("fuzz.dbc", data);
-    for layout in LAYOUTS.iter() {
-        check_file(layout);
+    match Database::parse("fuzz.dbc", &String::from_utf8_lossy(data)) {
+        Ok(database) => {
+            for layout in LAYOUTS.iter() {
+                drop(Layout::new(layout, &database).map_err(|error| error.to_string()));
+            }
+        }
+        Err(error) => drop(error.to_string()),
     }
 });

@@ -138,20 +138,21 @@ impl Session {
             now.tv_sec as f64 + 1e-9 * now.tv_nsec as f64
         };
         let begun_s = used_s();
-        while self.ports.iter().any(|port| is_waiting(*port)) {
+        while any_waits(&self.ports) {
             assert!(used_s() - begun_s < 2.0, "datagrams are not taken any more");
             std::thread::yield_now();
         }
     }
 }
 
-/// Returns whether datagrams wait at a port.
-fn is_waiting(port: u16) -> bool {
+/// Returns whether datagrams wait at one of two ports. To read the list takes half of the time of an input.
+fn any_waits(ports: &[u16; 2]) -> bool {
     let sockets = std::fs::read_to_string("/proc/net/udp").expect("sockets");
-    let ends = format!(":{port:04X}");
+    let ends = ports.map(|port| format!(":{port:04X}"));
     sockets.lines().any(|line| {
         let mut fields = line.split_ascii_whitespace().skip(1);
-        let here = fields.next().is_some_and(|local| local.ends_with(&ends));
+        let is_one = |local: &str| ends.iter().any(|end| local.ends_with(end));
+        let here = fields.next().is_some_and(is_one);
         here && fields
             .nth(2)
             .is_some_and(|queues| !queues.ends_with(":00000000"))
