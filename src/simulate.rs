@@ -8,6 +8,7 @@ use crate::config::{
     Bundle, Conditions, ConfigFile, DEFAULT_SCENARIO, Overrides, PlantKind, Prepared, Scenario,
 };
 use crate::console;
+use crate::drive_report::datum;
 use crate::exit::Exit;
 use crate::learned;
 use crate::limits;
@@ -249,6 +250,7 @@ fn record(
         ),
     ];
     let header = recording::header("simulate", Some(kind), file, bundle, &facts);
+    let datum = datum(&header);
     let mcap = match &args.record {
         Some(path) => {
             let limits = RecordLimits::default();
@@ -256,10 +258,11 @@ fn record(
         }
         None => None,
     };
-    let sinks = Sinks {
-        file: mcap,
-        live: recording::live(&args.live, Some(&prepared.controller))?,
-    };
+    let live = recording::live(&args.live, Some(&prepared.controller))?;
+    if let (Some(live), Some(datum)) = (&live, &datum) {
+        live.place(datum);
+    }
+    let sinks = Sinks { file: mcap, live };
     Ok(SimulationRecording::new(
         sinks,
         &prepared.vehicle,
