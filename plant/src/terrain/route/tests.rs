@@ -77,7 +77,7 @@ fn where_passes_cross_a_hillside_keeps_most_of_its_slope_along_each() {
 fn away_from_the_route_there_is_no_ground() {
     let error = eight().surface(25.0, 0.0).unwrap_err();
     assert!(matches!(error, TerrainError::OffRoute { .. }));
-    assert!(error.to_string().contains("x 25 m"), "{error}");
+    assert!(error.to_string().contains("x 25.000 m"), "{error}");
 }
 
 #[test]
