@@ -1,3 +1,4 @@
+use crate::system;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -102,7 +103,7 @@ impl Clock {
             Self::External(clock) => clock.wait_until(time_s),
             Self::Real(epoch) => {
                 if let Ok(left) = Duration::try_from_secs_f64(time_s - epoch.elapsed_s()) {
-                    std::thread::sleep(left);
+                    system::sleep(left);
                 }
             }
         }

@@ -9,6 +9,8 @@ pub type ThreadId = ();
 /// Returns the system's identifier of a thread.
 pub fn thread_id<T>(_: &JoinHandle<T>) -> ThreadId {}
 
+pub(crate) use std::thread::sleep;
+
 pub(crate) fn this_thread() -> ThreadId {}
 
 pub(crate) fn lock_memory() -> io::Result<()> {

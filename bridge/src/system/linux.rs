@@ -1,10 +1,13 @@
 //! Scheduling of Linux.
 
+use rustix::io::Errno;
 use rustix::mm::{MlockAllFlags, mlockall};
-use rustix::thread::{CpuSet, sched_setaffinity};
+use rustix::thread::{ClockId as SleepClock, CpuSet, clock_nanosleep_absolute, sched_setaffinity};
+use rustix::time::{ClockId, Timespec, clock_gettime};
 use std::io;
 use std::os::unix::thread::JoinHandleExt;
 use std::thread::JoinHandle;
+use std::time::Duration;
 pub use thread_priority::ThreadId;
 pub(crate) use thread_priority::thread_native_id as this_thread;
 use thread_priority::{
@@ -15,6 +18,17 @@ use thread_priority::{
 /// Returns the system's identifier of a thread.
 pub fn thread_id<T>(thread: &JoinHandle<T>) -> ThreadId {
     thread.as_pthread_t()
+}
+
+/// Sleeps until a time on the monotonic clock. A program that was suspended so long goes on at once, and does not sleep
+/// for what was left before.
+pub(crate) fn sleep(time: Duration) {
+    let Ok(time) = Timespec::try_from(time) else {
+        return;
+    };
+    let until = clock_gettime(ClockId::Monotonic) + time;
+    // A signal ends the sleep early.
+    while clock_nanosleep_absolute(SleepClock::Monotonic, &until) == Err(Errno::INTR) {}
 }
 
 /// Keeps all memory of the process from being paged out.

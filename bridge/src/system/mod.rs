@@ -5,4 +5,4 @@
 mod threads;
 
 pub use threads::{ThreadId, thread_id};
-pub(crate) use threads::{lock_memory, pin, set_fifo, set_normal, this_thread};
+pub(crate) use threads::{lock_memory, pin, set_fifo, set_normal, sleep, this_thread};

@@ -325,13 +325,15 @@ fn curvatures(spline: &Spline) -> Vec<f64> {
         .collect();
     for i in 0..curvatures.len() - 1 {
         let point = |part: u8| spline.at(i as f64 + f64::from(part) / f64::from(PARTS));
-        for part in 0..PARTS {
-            let (a, b) = (point(part), point(part + 1));
+        let mut a = point(0);
+        for part in 1..=PARTS {
+            let b = point(part);
             let [[ax, ay], [bx, by]] = [a.tangent, b.tangent];
             let turned_rad = (ax * by - ay * bx).atan2(ax * bx + ay * by);
             let bend_per_m = turned_rad.abs() / a.position.distance_m(&b.position);
             curvatures[i] = curvatures[i].max(bend_per_m);
             curvatures[i + 1] = curvatures[i + 1].max(bend_per_m);
+            a = b;
         }
     }
     curvatures
