@@ -8,6 +8,7 @@ use crate::console;
 use crate::drive_log::{LogArgs, LogReader, Positions, positions};
 use crate::output;
 use anyhow::{Context, Result, bail, ensure};
+use serde::{Deserialize, Serialize};
 use sidehill_bridge::ros2::position::PositionTopic;
 use sidehill_controller::path::{
     GPX_NAMESPACE, GeodeticOrigin, Point2, Smoothing, SmoothingConfig,
@@ -20,7 +21,8 @@ use std::time::Duration;
 use thinning::{Making, TOLERANCE_M};
 
 /// Arguments of `sidehill route`.
-#[derive(Debug, Clone, clap::Args)]
+#[derive(Debug, Clone, Default, clap::Args, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct RouteArgs {
     /// Recorded drive: a bag of ROS 2, or a log in CSV. `live` records from a running ROS 2 topic,
     /// takes --ros-args, and writes the path at Ctrl-C or after --seconds.
@@ -84,6 +86,15 @@ enum Form {
 /// # Errors
 /// Positions missing in the recording, or a file that cannot be read or written.
 pub fn run(args: &RouteArgs) -> Result<()> {
+    write(args, console::complain)?.print(args);
+    Ok(())
+}
+
+/// Writes the path of a recorded drive; `note` gets what changes the drive, and what is to be known of it.
+///
+/// # Errors
+/// As [`run`].
+pub fn write(args: &RouteArgs, note: impl FnMut(String)) -> Result<WrittenRoute> {
     let (form, making) = prepare(args)?;
     ensure!(
         args.odometry.is_none() && args.fix.is_none() && args.seconds.is_none(),
@@ -95,6 +106,7 @@ pub fn run(args: &RouteArgs) -> Result<()> {
         &making,
         &args.from.display().to_string(),
         &recorded(args)?,
+        note,
     )
 }
 
@@ -120,7 +132,45 @@ pub fn run_live(
         None => None,
     };
     let name = topic.name().to_owned();
-    write_path(args, form, &making, &name, &record(topic, end_after)?)
+    write_path(
+        args,
+        form,
+        &making,
+        &name,
+        &record(topic, end_after)?,
+        console::complain,
+    )?
+    .print(args);
+    Ok(())
+}
+
+/// A path that was written to a file.
+#[derive(Debug, Serialize)]
+pub struct WrittenRoute {
+    /// Number of its points.
+    pub points: usize,
+    /// Its length, m.
+    pub length_m: f64,
+    /// Number of the recorded positions.
+    pub positions: usize,
+    /// Their standard deviation in each direction, as stated or estimated, m.
+    pub accuracy_m: f64,
+    /// Largest distance between recorded and written path, m.
+    pub deviation_m: f64,
+}
+
+impl WrittenRoute {
+    fn print(&self, args: &RouteArgs) {
+        console::line(format_args!(
+            "{}: {} points over {:.1} m, from {} positions of an accuracy of {:.3} m; largest distance between recorded and written path {:.3} m",
+            args.out.display(),
+            self.points,
+            self.length_m,
+            self.positions,
+            self.accuracy_m,
+            self.deviation_m
+        ));
+    }
 }
 
 fn write_path(
@@ -129,25 +179,25 @@ fn write_path(
     making: &Making,
     name: &str,
     recorded: &Positions,
-) -> Result<()> {
-    for note in &recorded.notes {
-        console::complain(format_args!("{name}: note: {note}"));
-    }
+    mut note: impl FnMut(String),
+) -> Result<WrittenRoute> {
+    let mut note = |text: String| note(format!("{name}: note: {text}"));
+    recorded.notes.iter().cloned().for_each(&mut note);
     check_origin(args, form, name, recorded.origin.is_some())?;
     let made = thinning::drivable(&recorded.points_m, making).with_context(|| name.to_owned())?;
     if let Some(cusps) = named(made.cusps.iter().copied()) {
-        console::complain(format_args!(
-            "{name}: note: travel turns back at {cusps}: from there it is driven the other way, in reverse first"
+        note(format!(
+            "travel turns back at {cusps}: from there it is driven the other way, in reverse first"
         ));
     }
     if let Some(corners) = named(made.corners.iter().copied()) {
-        console::complain(format_args!(
-            "{name}: note: the vehicle stops and turns on the spot at {corners}"
+        note(format!(
+            "the vehicle stops and turns on the spot at {corners}"
         ));
     }
     if made.taken_m > made.accuracy_m {
-        console::complain(format_args!(
-            "{name}: note: its positions look {:.3} m accurate, but their path is too sharp; it is smoothed as for \
+        note(format!(
+            "its positions look {:.3} m accurate, but their path is too sharp; it is smoothed as for \
              --accuracy-m {}",
             made.accuracy_m, made.taken_m
         ));
@@ -159,22 +209,19 @@ fn write_path(
     };
     output::write(&args.out, text.as_bytes(), args.force)?;
     if let (Form::Csv, Some(origin)) = (form, &recorded.origin) {
-        console::complain(format_args!(
-            "{name}: note: x = 0, y = 0 is the first fix: `datum: {{latitude_deg: {:.9}, longitude_deg: {:.9}, \
+        note(format!(
+            "x = 0, y = 0 is the first fix: `datum: {{latitude_deg: {:.9}, longitude_deg: {:.9}, \
              altitude_m: {:.3}}}`",
             origin.latitude_deg, origin.longitude_deg, origin.elevation_m
         ));
     }
-    console::line(format_args!(
-        "{}: {} points over {:.1} m, from {} positions of an accuracy of {:.3} m; largest distance between recorded and written path {:.3} m",
-        args.out.display(),
-        path.points_m.len(),
-        path.length_m,
-        recorded.points_m.len(),
-        made.accuracy_m,
-        path.deviation_m
-    ));
-    Ok(())
+    Ok(WrittenRoute {
+        points: path.points_m.len(),
+        length_m: path.length_m,
+        positions: recorded.points_m.len(),
+        accuracy_m: made.accuracy_m,
+        deviation_m: path.deviation_m,
+    })
 }
 
 /// Checks the settings and the file of the path, and returns what it is written as and made with.

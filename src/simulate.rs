@@ -8,7 +8,6 @@ use crate::config::{
     Bundle, Conditions, ConfigFile, DEFAULT_SCENARIO, Overrides, PlantKind, Prepared, Scenario,
 };
 use crate::console;
-use crate::drive_report::datum;
 use crate::exit::Exit;
 use crate::learned;
 use crate::limits;
@@ -16,7 +15,7 @@ use crate::output;
 use crate::progress::{self, TaskProgress};
 use crate::qp_recording::QpRecording;
 use crate::record::{Run, Summary};
-use crate::recording::{self, LiveArgs, SimulationRecording, fact};
+use crate::recording::{self, LiveArgs, SimulationRecording, datum, fact};
 use anyhow::{Context, Result, bail};
 use files::{REPORT, csv_path, write_out};
 use sidehill_controller::config::ControllerKind;

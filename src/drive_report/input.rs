@@ -1,6 +1,6 @@
 //! What a report needs of a recording.
 
-use super::datum::datum;
+use crate::recording::datum;
 use anyhow::{Context, Result};
 use serde::de::DeserializeOwned;
 use sidehill_bridge::ros2::message::cdr::from_cdr;

@@ -2,9 +2,11 @@
 
 use super::facts::{CheckedLimit, DriveFacts};
 use super::stops::StopKind;
+use serde::Deserialize;
 
 /// Limits of a drive; what is not given is not judged.
-#[derive(Debug, Clone, Default, clap::Args)]
+#[derive(Debug, Clone, Default, clap::Args, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct LimitArgs {
     /// Largest cross-track error, m.
     #[arg(long, value_name = "M")]

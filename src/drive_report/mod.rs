@@ -1,6 +1,5 @@
 //! `sidehill report`: what a recorded drive was like, as a page, as figures, and as a track for maps.
 
-mod datum;
 mod earth;
 mod facts;
 mod input;
@@ -12,7 +11,6 @@ mod tiles;
 mod weather;
 
 use crate::exit::Exit;
-pub(crate) use datum::datum;
 
 use crate::console;
 use crate::output;
@@ -22,12 +20,14 @@ use anyhow::{Result, ensure};
 use facts::DriveFacts;
 use input::DecodedRecording;
 use limits::LimitArgs;
+use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use tiles::TileMap;
 
 /// Arguments of `sidehill report`.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Default, clap::Args, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct ReportArgs {
     /// Recording; files that continue it (FILE_1.mcap, ...) are read with it.
     pub recording: PathBuf,
@@ -52,6 +52,7 @@ pub struct ReportArgs {
     pub force: bool,
     /// How the figures are printed.
     #[arg(long, value_enum, default_value_t)]
+    #[serde(skip)]
     pub format: Format,
 }
 
@@ -61,6 +62,23 @@ pub struct ReportArgs {
 /// A recording that cannot be read, holds no drive, or has no place on earth where one is needed; a map without tiles
 /// there.
 pub fn run(args: &ReportArgs) -> Result<ExitCode> {
+    let facts = written(args)?;
+    match args.format {
+        Format::Json => console::line(serde_json::to_string(&facts)?),
+        Format::Table => console::text(facts.table()),
+    }
+    Ok(Exit::answer(facts.passed != Some(false)).into())
+}
+
+/// Writes what was asked for and returns, as JSON, what `--format json` prints.
+///
+/// # Errors
+/// As [`run`].
+pub fn facts(args: &ReportArgs) -> Result<String> {
+    Ok(serde_json::to_string(&written(args)?)?)
+}
+
+fn written(args: &ReportArgs) -> Result<DriveFacts> {
     let files = [&args.out, &args.geojson, &args.kml];
     for file in files.into_iter().flatten() {
         output::check_writable(file, args.force)?;
@@ -81,11 +99,7 @@ pub fn run(args: &ReportArgs) -> Result<ExitCode> {
         let page = page::html(&input, &facts, map.transpose()?.as_ref())?;
         output::write(file, page.as_bytes(), args.force)?;
     }
-    match args.format {
-        Format::Json => console::line(serde_json::to_string(&facts)?),
-        Format::Table => console::text(facts.table()),
-    }
-    Ok(Exit::answer(facts.passed != Some(false)).into())
+    Ok(facts)
 }
 
 /// Writes the page of a recording that has just ended.

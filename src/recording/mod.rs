@@ -1,8 +1,10 @@
 //! `--record`: the header of recordings, and the recording of simulations.
 
+mod datum;
 mod live;
 mod simulation;
 
+pub(crate) use datum::datum;
 pub use live::LiveArgs;
 pub use simulation::SimulationRecording;
 

@@ -4,11 +4,13 @@ use super::rebuild::ReplayChanges;
 use crate::config::PlantKind;
 use crate::recording::LiveArgs;
 use crate::simulate::{Format, controller};
+use serde::Deserialize;
 use sidehill_controller::config::ControllerKind;
 use std::path::PathBuf;
 
 /// Arguments of `sidehill replay`.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Default, clap::Args, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct ReplayArgs {
     /// Recording; files that continue it (FILE_1.mcap, ...) are read with it.
     pub recording: PathBuf,
@@ -40,12 +42,14 @@ pub struct ReplayArgs {
     pub write_case: Option<PathBuf>,
     /// The live view.
     #[command(flatten)]
+    #[serde(skip)]
     pub live: LiveArgs,
     /// Overwrite files that exist.
     #[arg(long)]
     pub force: bool,
     /// How the differences are printed.
     #[arg(long, value_enum, default_value_t)]
+    #[serde(skip)]
     pub format: Format,
 }
 

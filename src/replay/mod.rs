@@ -9,10 +9,9 @@ mod repeat;
 mod report;
 
 use crate::console;
-use crate::drive_report::datum;
 use crate::exit::Exit;
 use crate::output;
-use crate::recording::{self, damage, fact, target};
+use crate::recording::{self, damage, datum, fact, target};
 use crate::simulate::Format;
 use anyhow::{Context, Result, ensure};
 pub use args::ReplayArgs;
@@ -53,7 +52,47 @@ struct ReplayOutcome<'a> {
 /// # Errors
 /// A recording that cannot be read or lacks its start, or an invalid setting.
 pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
-    let mut recording = Recording::read(&args.recording)?;
+    let (mut recording, rebuilt) = opened(args)?;
+    let begin = begin(args, &recording);
+    let found = match begin {
+        Err(error) if args.live.live.is_some() => {
+            console::complain(format_args!("{error:#}"));
+            None
+        }
+        begin => Some(compared(args, &mut recording, &rebuilt, begin?)?),
+    };
+    if let Some(folder) = found.as_ref().and(args.write_case.as_ref()) {
+        write_case(args, folder)?;
+    }
+    match (&found, args.format) {
+        (Some(found), Format::Json) => console::line(&found.json),
+        (Some(found), Format::Table) => console::text(&found.table),
+        (None, _) => {}
+    }
+    show(args, &recording, &rebuilt)?;
+    Ok(Exit::answer(found.is_none_or(|found| !found.failed)).into())
+}
+
+/// Replays a recording and returns, as JSON, what `--format json` prints. It serves no live view and writes no case.
+///
+/// # Errors
+/// As [`run`].
+pub fn facts(args: &ReplayArgs) -> Result<String> {
+    let (mut recording, rebuilt) = opened(args)?;
+    let begin = begin(args, &recording)?;
+    Ok(compared(args, &mut recording, &rebuilt, begin)?.json)
+}
+
+/// What a replay found.
+struct Found {
+    json: String,
+    table: String,
+    /// Whether commands differ that must not.
+    failed: bool,
+}
+
+fn opened(args: &ReplayArgs) -> Result<(Recording, Rebuilt)> {
+    let recording = Recording::read(&args.recording)?;
     let named = || args.recording.display().to_string();
     ensure!(
         !recording.cycles.is_empty(),
@@ -65,21 +104,31 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
         output::check_writable(report, args.force)?;
         output::check_apart(report, [&args.recording])?;
     }
-    let lost = lost(&recording);
-    let changes = args.changes();
-    let rebuilt = Rebuilt::of(&recording, &changes).with_context(named)?;
-    let begin = match Begin::of(&recording) {
-        _ if args.closed_loop => Begin::default(),
-        Err(error) if args.live.live.is_some() => {
-            console::complain(format_args!("{}: {error:#}", named()));
-            return show(args, &recording, &rebuilt).map(|()| ExitCode::SUCCESS);
-        }
-        begin => begin.with_context(named)?,
-    };
+    let rebuilt = Rebuilt::of(&recording, &args.changes()).with_context(named)?;
+    Ok((recording, rebuilt))
+}
+
+/// Returns where the comparison begins.
+fn begin(args: &ReplayArgs, recording: &Recording) -> Result<Begin> {
+    match args.closed_loop {
+        true => Ok(Begin::default()),
+        false => Begin::of(recording).with_context(|| args.recording.display().to_string()),
+    }
+}
+
+/// Compares the replay with what was recorded from `begin` on, and writes the report.
+fn compared(
+    args: &ReplayArgs,
+    recording: &mut Recording,
+    rebuilt: &Rebuilt,
+    begin: Begin,
+) -> Result<Found> {
+    let lost = lost(recording);
+    let changed = args.changes().changed();
     let replayed = if args.closed_loop {
-        rebuilt.drive(&recording)?
+        rebuilt.drive(recording)?
     } else {
-        let replayed = repeat::repeat(&recording, &rebuilt, &begin, changes.changed())?;
+        let replayed = repeat::repeat(recording, rebuilt, &begin, changed)?;
         recording.cycles.drain(..begin.place);
         replayed
     };
@@ -101,7 +150,7 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
             format!("{} {}", env!("CARGO_PKG_VERSION"), target()),
         ],
         closed_loop: args.closed_loop,
-        changed: changes.changed(),
+        changed,
         begins: (begin.place > 0).then_some(begin),
         lost,
         damaged: recording.damaged.as_deref(),
@@ -112,20 +161,15 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
         comparison: &comparison,
     };
     if let Some(file) = &args.report {
-        let page = report::html(&recording, &rebuilt, &replayed, &comparison)?;
+        let page = report::html(recording, rebuilt, &replayed, &comparison)?;
         output::write(file, page.as_bytes(), args.force)?;
     }
-    if let Some(folder) = &args.write_case {
-        write_case(args, folder)?;
-    }
-    match args.format {
-        Format::Json => console::line(serde_json::to_string(&outcome)?),
-        Format::Table => console::text(table(&outcome)),
-    }
-    show(args, &recording, &rebuilt)?;
-    let may_differ = (changes.changed() || args.closed_loop) && args.tolerance.is_none();
-    let failed = lost > 0 || comparison.different > 0 && !may_differ;
-    Ok(Exit::answer(!failed).into())
+    let may_differ = (changed || args.closed_loop) && args.tolerance.is_none();
+    Ok(Found {
+        json: serde_json::to_string(&outcome)?,
+        table: table(&outcome),
+        failed: lost > 0 || comparison.different > 0 && !may_differ,
+    })
 }
 
 /// Plays the recording live, if requested.

@@ -2,8 +2,8 @@
 
 use super::compare::{ReplayComparison, cross_track_rms_m};
 use super::rebuild::{Rebuilt, slope};
-use crate::drive_report::datum;
 use crate::record::{Quantiles, Row, Run, Summary};
+use crate::recording::datum;
 use crate::report::figures::two_digits;
 use crate::report::{self, Scene};
 use anyhow::Result;

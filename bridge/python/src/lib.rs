@@ -15,6 +15,7 @@ mod logs;
 mod measured;
 mod plant;
 mod qp;
+mod recordings;
 mod scenario;
 mod simulate;
 mod simulation;
@@ -48,5 +49,8 @@ fn _sidehill(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(logs::identify, module)?)?;
     module.add_function(wrap_pyfunction!(logs::odometry, module)?)?;
     module.add_function(wrap_pyfunction!(tune::tune, module)?)?;
+    module.add_function(wrap_pyfunction!(recordings::replay, module)?)?;
+    module.add_function(wrap_pyfunction!(recordings::report, module)?)?;
+    module.add_function(wrap_pyfunction!(recordings::route, module)?)?;
     Ok(())
 }

@@ -13,6 +13,7 @@ from ._linearise import Linearisation, linearise
 from ._logs import Log, identify, odometry
 from ._metrics import metrics
 from ._plant import Plant
+from ._recordings import replay, report, route
 from ._scenario import Grid
 from ._sidehill import (
     Controller,
@@ -57,6 +58,9 @@ __all__ = [
     "linearise",
     "metrics",
     "odometry",
+    "replay",
+    "report",
+    "route",
     "simulate",
     "tune",
 ]

@@ -1,7 +1,7 @@
 //! Where on earth x = 0, y = 0 of a recording was.
 
+use super::fact;
 use crate::config::{ConfigFile, read_route};
-use crate::recording::fact;
 use serde::Deserialize;
 use sidehill_controller::path::GeodeticOrigin;
 use sidehill_recording::Header;
