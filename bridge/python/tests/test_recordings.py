@@ -70,6 +70,9 @@ def test_what_is_wrong_is_named(recording: Path, tmp_path: Path) -> None:
     fails(lambda: sidehill.replay(recording, settings={"weights.cross": 1}), "weights.cross")
     fails(lambda: sidehill.report(recording, limits={"max_error_m": 1}), "max_error_m", "max_cross_track_m")
     fails(lambda: sidehill.report(recording, map=tmp_path / "map.mbtiles"), "map: ", "`out`")
-    fails(lambda: sidehill.route(tmp_path / "log.csv", tmp_path / "path.txt"), "path.txt", ".gpx or .csv")
+    fails(lambda: sidehill.route(text, tmp_path / "path.txt"), "path.txt", ".gpx or .csv")
+    for call in (sidehill.replay, sidehill.report):
+        with pytest.raises(FileNotFoundError):
+            call(tmp_path / "none.mcap")
     with pytest.raises(FileNotFoundError):
-        sidehill.replay(tmp_path / "none.mcap")
+        sidehill.route(tmp_path / "none.csv", tmp_path / "path.csv")

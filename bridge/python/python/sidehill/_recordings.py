@@ -27,8 +27,9 @@ def replay(
 ) -> dict[str, Any]:
     """Feeds the readings of a recording (MCAP) to its controller again, and compares the commands.
 
-    controller, vehicle, settings: what replaces the recorded ones: a name, a vehicle file, and settings by their keys
-    with dots, such as {"weights.cross_per_m2": 80}.
+    controller: name of another controller.
+    vehicle: vehicle file for it instead of the recorded vehicle.
+    settings: settings of the controller instead of the recorded ones, by keys with dots: {"weights.cross_per_m2": 80}.
     closed_loop: drive a simulated vehicle along the recorded path instead; plant: "icrik" or "contact", which moves it.
     tolerance_m_s: largest difference of a command that does not count, m/s; 0 by default.
     report: file for a page with plots, which `force` lets be overwritten.
@@ -41,7 +42,7 @@ def replay(
     """
     changed = [f"{key}={json.dumps(value)}" for key, value in (settings or {}).items()]
     return _sidehill.replay({
-        "recording": _file("recording", recording), "controller": controller, "vehicle": vehicle, "settings": changed,
+        "recording": _read("recording", recording), "controller": controller, "vehicle": vehicle, "settings": changed,
         "closed_loop": closed_loop, "plant": plant, "tolerance": tolerance_m_s, "report": report, "force": force,
     })  # fmt: skip
 
@@ -72,7 +73,7 @@ def report(
     if map is not None and out is None:
         raise ValueError("map: it is drawn on the page, so `out` is needed")
     return _sidehill.report({
-        "recording": _file("recording", recording), "out": out, "map": map, "geojson": geojson, "kml": kml,
+        "recording": _read("recording", recording), "out": out, "map": map, "geojson": geojson, "kml": kml,
         "limits": dict(limits or {}), "force": force,
     })  # fmt: skip
 
@@ -91,12 +92,14 @@ def route(
 ) -> dict[str, Any]:
     """Writes the path of a recorded drive, which controllers can follow.
 
-    log: bag of ROS 2, recording, or log as CSV; topic: of its positions where a bag has several; columns: of a log, YAML.
+    log: bag of ROS 2, recording, or log as CSV. columns: YAML file of other names of its columns, as in `identify`.
+    topic: topic of the positions, where a bag has several.
     out: file of the path, .csv, or .gpx for positions of a satellite receiver.
     accuracy_m: standard deviation of the positions in each direction, m; by default estimated from them.
     smoothing_m: standard deviation of a Gaussian along the path that smooths it beforehand, m.
     vehicle: vehicle file, whose track width limits the curvature; without it, to 1 1/m.
     tolerance_m: points closer than this to the line between their neighbours are left out, m.
+    force: whether a file that exists is overwritten.
 
     Returns `points`, `length_m`, `positions`, `accuracy_m`, `deviation_m` (largest distance between recorded and written
     path) and `notes`, texts that `sidehill route` prints.
@@ -105,12 +108,14 @@ def route(
     read or written.
     """
     return _sidehill.route({
-        "from": _file("log", log), "out": _file("out", out), "topic": topic, "columns": columns, "accuracy_m": accuracy_m,
+        "from": _read("log", log), "out": out, "topic": topic, "columns": columns, "accuracy_m": accuracy_m,
         "smoothing_m": smoothing_m, "vehicle": vehicle, "tolerance_m": tolerance_m, "force": force,
     })  # fmt: skip
 
 
-def _file(name: str, value: Any) -> str:
+def _read(name: str, value: Any) -> str:
+    """Returns the path of what can be read."""
     if not isinstance(value, (str, os.PathLike)):
         raise ValueError(f"{name}: a path is needed, not {value!r}")
+    os.stat(value)
     return os.fspath(value)
