@@ -25,8 +25,8 @@ pub(crate) struct PageMap {
     path: Vec<f64>,
     vehicle: Outline,
     ground: Option<MapGround>,
-    /// [`GeodeticOrigin::linear`](sidehill_controller::path::GeodeticOrigin::linear) of the origin.
-    earth: Option<[f64; 6]>,
+    /// [`GeodeticOrigin::expansion`](sidehill_controller::path::GeodeticOrigin::expansion) of the origin.
+    earth: Option<[[f64; 2]; 6]>,
     marks: Vec<Mark>,
 }
 
@@ -130,7 +130,7 @@ impl PageMap {
         });
         let mut map = Self::over(runs.collect(), &scene.path, scene.vehicle);
         map.ground = Some(map.ground_of(scene.terrain));
-        map.earth = scene.datum.map(|datum| datum.linear());
+        map.earth = scene.datum.map(|datum| datum.expansion());
         map.marks = marks;
         map
     }

@@ -105,21 +105,31 @@ impl GeodeticOrigin {
         (latitude_rad.to_degrees(), longitude_rad.to_degrees())
     }
 
-    /// Returns latitude and longitude, deg, of the origin, and their changes over a metre along x and along y, deg/m: what
-    /// a page needs to name places. Over kilometres it is true to millimetres.
-    pub fn linear(&self) -> [f64; 6] {
+    /// Returns what a page needs to name places: the coefficients of 1, x, y, x^2, x y and y^2 in latitude and longitude,
+    /// deg and m. Within 10 km they are true to 5 cm.
+    pub fn expansion(&self) -> [[f64; 2]; 6] {
         /// Length of the steps, m.
-        const STEP_M: f64 = 100.0;
-        let at = |x_m, y_m| self.unproject(Point2 { x_m, y_m });
-        let (origin, x, y) = (at(0.0, 0.0), at(STEP_M, 0.0), at(0.0, STEP_M));
-        let change = |to: f64, from: f64| (to - from) / STEP_M;
+        const STEP_M: f64 = 3000.0;
+        let at = |x: f64, y: f64| {
+            let (x_m, y_m) = (x * STEP_M, y * STEP_M);
+            let (latitude_deg, longitude_deg) = self.unproject(Point2 { x_m, y_m });
+            [latitude_deg, longitude_deg]
+        };
+        let here = at(0.0, 0.0);
+        let (right, left, up, down) = (at(1.0, 0.0), at(-1.0, 0.0), at(0.0, 1.0), at(0.0, -1.0));
+        let (same, other) = (
+            [at(1.0, 1.0), at(-1.0, -1.0)],
+            [at(1.0, -1.0), at(-1.0, 1.0)],
+        );
+        let each = |of: &dyn Fn(usize) -> f64| [of(0), of(1)];
+        let square_m2 = STEP_M * STEP_M;
         [
-            origin.0,
-            origin.1,
-            change(x.0, origin.0),
-            change(x.1, origin.1),
-            change(y.0, origin.0),
-            change(y.1, origin.1),
+            here,
+            each(&|k| (right[k] - left[k]) / (2.0 * STEP_M)),
+            each(&|k| (up[k] - down[k]) / (2.0 * STEP_M)),
+            each(&|k| (right[k] - 2.0 * here[k] + left[k]) / (2.0 * square_m2)),
+            each(&|k| (same[0][k] + same[1][k] - other[0][k] - other[1][k]) / (4.0 * square_m2)),
+            each(&|k| (up[k] - 2.0 * here[k] + down[k]) / (2.0 * square_m2)),
         ]
     }
 }

@@ -206,7 +206,7 @@ impl Page {
 
     /// Says where on earth the plane of the drive is.
     pub(super) fn place(&mut self, datum: &GeodeticOrigin) {
-        self.set("earth", json!(datum.linear()).to_string());
+        self.set("earth", json!(datum.expansion()).to_string());
     }
 
     /// Begins from nothing but vehicle and place on earth.

@@ -367,7 +367,9 @@ map.addEventListener('pointermove', event => {
 /** Returns latitude and longitude of a place as a text, as map programs take it; none where the drive has no place on earth. */
 function onEarth(x, y) {
   const { earth } = parts;
-  return earth && is(x) ? [0, 1].map(i => `${(earth[i] + earth[i + 2] * x + earth[i + 4] * y).toFixed(7)}°`).join(', ') : '';
+  const powers = [1, x, y, x * x, x * y, y * y];
+  const degrees = i => earth.reduce((sum, term, k) => sum + term[i] * powers[k], 0);
+  return earth && is(x) ? [0, 1].map(i => `${degrees(i).toFixed(7)}°`).join(', ') : '';
 }
 
 /** Calls `found` with the moment at which a vehicle was where the map is clicked. */
