@@ -84,7 +84,7 @@ pub fn facts(args: &ReplayArgs) -> Result<String> {
 }
 
 /// What a replay found.
-struct Found {
+struct ReplayFindings {
     json: String,
     table: String,
     /// Whether commands differ that must not.
@@ -122,7 +122,7 @@ fn compared(
     recording: &mut Recording,
     rebuilt: &Rebuilt,
     begin: Begin,
-) -> Result<Found> {
+) -> Result<ReplayFindings> {
     let lost = lost(recording);
     let changed = args.changes().changed();
     let replayed = if args.closed_loop {
@@ -165,7 +165,7 @@ fn compared(
         output::write(file, page.as_bytes(), args.force)?;
     }
     let may_differ = (changed || args.closed_loop) && args.tolerance.is_none();
-    Ok(Found {
+    Ok(ReplayFindings {
         json: serde_json::to_string(&outcome)?,
         table: table(&outcome),
         failed: lost > 0 || comparison.different > 0 && !may_differ,
