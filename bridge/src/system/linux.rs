@@ -20,8 +20,8 @@ pub fn thread_id<T>(thread: &JoinHandle<T>) -> ThreadId {
     thread.as_pthread_t()
 }
 
-/// Sleeps until a time on the monotonic clock. A program that was suspended so long goes on at once, and does not sleep
-/// for what was left before.
+/// Sleeps for a time, until an instant of the monotonic clock: a program that was suspended beyond it goes on at once,
+/// and does not sleep for what was left before.
 pub(crate) fn sleep(time: Duration) {
     let Ok(time) = Timespec::try_from(time) else {
         return;

@@ -1,5 +1,6 @@
 use super::system::{BACKOFF_S, ENETDOWN, ENODEV, ENXIO};
 use sidehill_bridge::drives::{Epoch, LinkState};
+use sidehill_bridge::system::{ThreadId, thread_id};
 use sidehill_can::frame::{Frame, FrameId};
 use socketcan::embedded_can::{Frame as _, Id};
 use socketcan::errors::{CanError, ControllerProblems, ErrorCause};
@@ -8,12 +9,10 @@ use socketcan::{
     SocketOptions,
 };
 use std::io::Error;
-use std::os::unix::thread::JoinHandleExt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
-use thread_priority::ThreadId;
 
 /// Longest wait of a read.
 const READ_TIMEOUT: Duration = Duration::from_millis(20);
@@ -133,7 +132,7 @@ impl BusMonitor {
 
     /// Returns the system's identifier of the thread.
     pub fn thread_id(&self) -> Option<ThreadId> {
-        self.thread.as_ref().map(JoinHandleExt::as_pthread_t)
+        self.thread.as_ref().map(thread_id)
     }
 }
 

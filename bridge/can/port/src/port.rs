@@ -7,6 +7,7 @@ use sidehill_bridge::drives::Epoch;
 use sidehill_bridge::drives::MotorCommand;
 use sidehill_bridge::drives::{DriveCommand, DriveFeedback, DriveMode, LinkState};
 use sidehill_bridge::drives::{Port, PortInputs, SendError, newer};
+use sidehill_bridge::system::ThreadId;
 use sidehill_can::canopen::Master;
 use sidehill_can::controller_side::{CommandWriter, Readings, VehicleReader};
 use sidehill_can::frame::Frame;
@@ -16,7 +17,6 @@ use sidehill_can::message::MessageCodec;
 use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::vehicle::SpeedCorrection;
 use std::sync::Arc;
-use thread_priority::ThreadId;
 use triple_buffer::{Input, Output, triple_buffer};
 
 /// What the bus monitor passes to the loop: always the newest, never a queue.
