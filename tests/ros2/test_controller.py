@@ -559,10 +559,6 @@ def test_a_step_of_this_computers_clock_ends_no_driving(set_clock, rig, step_s):
     time.sleep(1.0)
     set_clock(step_s)
     answer = goal.result(timeout_s=30)
-    if step_s < -0.3:
-        # RustDDS delivers nothing until the clock has caught up: longer than feedback may be missing.
-        assert answer.result.error_code in (NONE, TF_ERROR)
-        answer = r.action.send(r.ahead(4.5)).result(timeout_s=30)
     assert answer.status == FollowPath.SUCCEEDED, answer.result.error_msg
 
 
@@ -575,9 +571,8 @@ def test_a_jump_of_this_computers_clock_ends_the_goal(set_clock, rig, tmp_path):
     r.stands()
     set_clock(0.0)
     wait_for(lambda: "set by -100.00 s" in (tmp_path / "run" / "events.jsonl").read_text(), "the step in the log")
-    answer = r.action.send(r.ahead()).result()
-    assert answer.status == FollowPath.ABORTED
-    assert "this computer's clock was set back" in answer.result.error_msg
+    answer = r.action.send(r.ahead(4.0)).result(timeout_s=30)
+    assert answer.status == FollowPath.SUCCEEDED, answer.result.error_msg
 
 
 @pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGTERM])

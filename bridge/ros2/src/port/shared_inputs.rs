@@ -120,8 +120,8 @@ impl SharedInputs {
         locked(&self.last_rejection).clone()
     }
 
-    /// Takes that this computer's clock was set by `step_s` at the local time `now_s`. RustDDS delivers best-effort
-    /// messages in the order of that clock: none until it has caught up.
+    /// Takes that this computer's clock was set by `step_s` at the local time `now_s`. Without the patch 0006 of
+    /// `bridge/patches` RustDDS delivers best-effort messages in the order of that clock: none until it has caught up.
     pub(crate) fn clock_was_set(&self, step_s: f64, now_s: f64) {
         let until_s = f64::from_bits(self.deaf_until_s.load(Ordering::Relaxed));
         let until_s = until_s.max(now_s) - step_s;
