@@ -383,10 +383,8 @@ fn timed(
             yaw_rate_rad_s: point.curvature_per_m * speed_m_s,
             motion: Motion::Drive,
         };
-        let turn = turns
-            .iter()
-            .find(|turn| (turn.from_s..turn.to_s).contains(&time_s));
-        nodes.push(match turn {
+        let turn = turns.get(turns.partition_point(|turn| turn.to_s <= time_s));
+        nodes.push(match turn.filter(|turn| turn.from_s <= time_s) {
             Some(turn) => Node {
                 heading_rad: turn.heading_at(time_s),
                 speed_m_s: 0.0,

@@ -17,7 +17,8 @@ pub(crate) struct CurvePoint {
 impl CurvePoint {
     /// Returns |d position/d parameter|.
     pub(crate) fn speed(&self) -> f64 {
-        self.tangent[0].hypot(self.tangent[1])
+        let [x, y] = self.tangent;
+        (x * x + y * y).sqrt()
     }
 
     /// Returns the heading of the direction of travel, rad, in (-pi, pi].
@@ -94,9 +95,17 @@ impl<F: Fn(f64) -> CurvePoint> ArcLength<F> {
             .clamp(1, self.lengths_m.len() - 1)
             - 1;
         let from = index as f64 * self.parameter_step;
-        let mut parameter = from;
+        // What a parameter far from 0 can resolve.
+        let tolerance_m = f64::max(1e-13, 4.0 * f64::EPSILON * arc_length_m);
+        let target_m = arc_length_m - self.lengths_m[index];
+        let share = target_m / (self.lengths_m[index + 1] - self.lengths_m[index]);
+        let mut parameter = if share.is_finite() {
+            from + share * self.parameter_step
+        } else {
+            from
+        };
         for _ in 0..8 {
-            let error_m = self.lengths_m[index] + self.quadrature(from, parameter) - arc_length_m;
+            let error_m = self.quadrature(from, parameter) - target_m;
             let next = parameter - error_m / self.point(parameter).speed();
             // Only where the curve stands still or turns back does a step lead far away.
             let near = (next - from).abs() < 2.0 * self.parameter_step;
@@ -104,7 +113,7 @@ impl<F: Fn(f64) -> CurvePoint> ArcLength<F> {
                 break;
             }
             parameter = next;
-            if error_m.abs() < 1e-13 {
+            if error_m.abs() < tolerance_m {
                 break;
             }
         }

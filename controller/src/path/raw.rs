@@ -30,11 +30,39 @@ impl RawPiece {
         along_m(&self.points, 0, self.points.len() - 1)
     }
 
-    /// Returns this piece in two that meet in a corner, where travel turns enough beside the point that was given as
-    /// `index`th: at the point where it turns most. None where it does not, or turns back.
-    pub(super) fn parted_at_corner(&self, index: usize, chord_m: f64) -> Option<[Self; 2]> {
+    /// Returns this piece in parts that meet in corners: where travel turns enough beside one of the points that were
+    /// given as the `indices`th, at the point where it turns most. None where it does so beside none of them, or turns
+    /// back.
+    pub(super) fn parted_at_corners(&self, indices: &[usize], chord_m: f64) -> Option<Vec<Self>> {
+        let corners = indices
+            .iter()
+            .filter_map(|&index| self.corner_beside(index, chord_m));
+        let mut ends: Vec<usize> = corners.collect();
+        if ends.is_empty() {
+            return None;
+        }
+        ends.push(self.points.len() - 1);
+        ends.sort_unstable();
+        ends.dedup();
+        let last = ends.len() - 1;
+        let starts = [0].into_iter().chain(ends.iter().copied());
+        let parts = starts
+            .zip(&ends)
+            .enumerate()
+            .map(|(i, (start, &end))| Self {
+                direction: self.direction,
+                points: self.points[start..=end].to_vec(),
+                start_tangent: self.start_tangent.filter(|_| i == 0),
+                end_tangent: self.end_tangent.filter(|_| i == last),
+            });
+        Some(parts.collect())
+    }
+
+    /// Returns the place of the point where travel turns most beside the one given as the `index`th, if that is a corner.
+    fn corner_beside(&self, index: usize, chord_m: f64) -> Option<usize> {
         let points = &self.points;
-        let place = points.iter().position(|(given, _)| *given == index)?;
+        let place = points.binary_search_by_key(&index, |(given, _)| *given);
+        let place = place.ok()?;
         let turn_cos = |at: usize| {
             let (before, after) = (
                 chord_before(points, at, chord_m),
@@ -46,24 +74,17 @@ impl RawPiece {
             let (from, to) = (place.min(*at), place.max(*at));
             from + 1 >= to || along_m(points, from, to) <= chord_m
         };
-        let (corner, cos) = (1..points.len() - 1)
-            .filter(beside)
+        let places = 1..points.len() - 1;
+        let before = (1..=place)
+            .rev()
+            .filter(|at| places.contains(at))
+            .take_while(beside);
+        let after = (place + 1..points.len() - 1).take_while(beside);
+        let (corner, cos) = before
+            .chain(after)
             .map(|at| (at, turn_cos(at)))
             .min_by(|a, b| a.1.total_cmp(&b.1))?;
-        if !(FOLD_COS..CORNER_COS).contains(&cos) {
-            return None;
-        }
-        let before = Self {
-            points: points[..=corner].to_vec(),
-            end_tangent: None,
-            ..self.clone()
-        };
-        let after = Self {
-            points: points[corner..].to_vec(),
-            start_tangent: None,
-            ..self.clone()
-        };
-        Some([before, after])
+        (FOLD_COS..CORNER_COS).contains(&cos).then_some(corner)
     }
 }
 

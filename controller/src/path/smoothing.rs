@@ -31,8 +31,11 @@ const GROWTH: f64 = 1.1;
 /// Largest change of the reach from node to node, in nodes.
 const GRADE: f64 = 0.2;
 const ROUNDS: usize = 80;
-/// Beyond this a route holds a stray point: half a day's drive, and up to some seconds to smooth.
+/// Beyond this a route holds a stray point: half a day's drive, which takes up to 3 s to smooth.
 const LENGTH_MAX_M: f64 = 2e4;
+/// Distance between two places within which they are made corners one after the other, in smallest radii: with one of
+/// them a corner, the other may be rounded.
+const APART: f64 = 4.0;
 /// Share of the curvature bound the smoothing aims at.
 const MARGIN: f64 = 0.97;
 
@@ -76,14 +79,12 @@ pub fn smooth(points: &[RawPoint], options: &Smoothing) -> Result<Smoothed, Path
         let direction = piece.direction;
         let piece = match smooth_piece(&piece, raw.accuracy_m, options, Refusal::Plain) {
             Ok(piece) => piece,
-            Err(error) => {
-                let parts = error
-                    .sharp_at()
-                    .and_then(|index| piece.parted_at_corner(index, raw.chord_m));
-                let Some([before, after]) = parts else {
+            Err(refused) => {
+                let Some(parts) = piece.parted_at_corners(&refused.at, raw.chord_m) else {
+                    let error = refused.error;
                     return Err(with_remedies(&piece, raw.accuracy_m, options, error));
                 };
-                to_come.extend([after, before]);
+                to_come.extend(parts.into_iter().rev());
                 continue;
             }
         };
@@ -146,6 +147,24 @@ impl SmoothPiece {
         };
         self.offsets.iter().fold(self.offsets[0], farther)
     }
+
+    /// Returns the indices of the raw points farther from it than this, of those closer than `apart_m` along the path
+    /// the farthest.
+    fn peaks_beyond(&self, distance_m: f64, apart_m: f64) -> Vec<usize> {
+        let mut peaks: Vec<&Offset> = Vec::new();
+        let beyond = |offset: &&Offset| offset.distance_m > distance_m;
+        for offset in self.offsets.iter().filter(beyond) {
+            match peaks.last_mut() {
+                Some(last) if offset.arc_length_m - last.arc_length_m < apart_m => {
+                    if offset.distance_m > last.distance_m {
+                        *last = offset;
+                    }
+                }
+                _ => peaks.push(offset),
+            }
+        }
+        peaks.into_iter().map(|offset| offset.index).collect()
+    }
 }
 
 /// Returns the error of a piece that cannot be smoothed with what would do.
@@ -165,7 +184,7 @@ fn with_remedies(
     }
     let mut error = match smooth_piece(raw, accuracy_m, options, Refusal::WithRemedy) {
         Ok(_) => error,
-        Err(error) => error,
+        Err(refused) => refused.error,
     };
     if let PathError::TooSharp {
         curvature_per_m,
@@ -194,45 +213,61 @@ enum Refusal {
     WithRemedy,
 }
 
+/// Why a piece cannot be smoothed, and the given points at which it cannot.
+struct Refused {
+    error: PathError,
+    at: Vec<usize>,
+}
+
 fn smooth_piece(
     raw: &RawPiece,
     accuracy_m: f64,
     options: &Smoothing,
     refusal: Refusal,
-) -> Result<SmoothPiece, PathError> {
-    let curve = Curve {
-        raw,
-        pinned: (raw.start_tangent.is_some(), raw.end_tangent.is_some()),
-        nodes: resampled(raw, options.spacing_m),
-    };
-    let mut reach = noise_reach_m(raw, accuracy_m, options) / curve.nodes.1;
+) -> Result<SmoothPiece, Refused> {
+    let curve = Curve::new(raw, options.spacing_m);
+    let mut reach = noise_reach_m(raw, accuracy_m, options) / curve.step_m;
     let mut window_m = options.max_deviation_m;
     // Fourth roots of lambda: over how many nodes the smoothing reaches.
-    let mut reaches = vec![reach.max(1.0); curve.nodes.0.len()];
+    let mut reaches = vec![reach.max(1.0); curve.nodes.len()];
     // As much as the noise asks for, unless bends ask for less.
     while reach > 1.0 {
-        let (piece, _) = curve.smoothed(&reaches, window_m);
-        if piece.farthest().distance_m <= NOISE_SHARE * options.max_deviation_m {
+        let within_m = NOISE_SHARE * options.max_deviation_m;
+        let spline = curve.spline(&reaches);
+        if curve.is_within(&spline, within_m)
+            || curve.sampled(&spline, window_m).farthest().distance_m <= within_m
+        {
             break;
         }
         reach /= NOISE_STEP;
         reaches.fill(reach.max(1.0));
     }
     let mut refused: Option<PathError> = None;
-    let mut beyond = false;
-    for _ in 0..ROUNDS {
-        let (piece, curvatures) = curve.smoothed(&reaches, window_m);
+    let mut beyond: Vec<usize> = Vec::new();
+    for round in 1..=ROUNDS {
+        let spline = curve.spline(&reaches);
+        let sharp = sharp_nodes(&spline, options.max_curvature_per_m);
+        // Neither the end nor a refusal, which is known without its samples.
+        let goes_on = sharp.surely && curve.is_within(&spline, options.max_deviation_m);
+        if goes_on && beyond.is_empty() && round < ROUNDS {
+            widen(&mut reaches, &sharp.nodes);
+            continue;
+        }
+        let piece = curve.sampled(&spline, window_m);
         let (worst, curvature_per_m) = sharpest(&piece);
         let farthest = piece.farthest();
         let bends_enough = curvature_per_m <= options.max_curvature_per_m;
-        if farthest.distance_m <= options.max_deviation_m && !beyond {
+        if farthest.distance_m <= options.max_deviation_m && beyond.is_empty() {
             if bends_enough {
                 return Ok(piece);
             }
             refused = Some(sharp_error(&piece, worst, curvature_per_m, options));
         } else {
             // Not within the deviation; which one would do?
-            beyond = true;
+            if beyond.is_empty() {
+                beyond = piece
+                    .peaks_beyond(options.max_deviation_m, APART / options.max_curvature_per_m);
+            }
             window_m = window_m.max(2.0 * farthest.distance_m);
             let error = refused.get_or_insert_with(|| match bends_enough {
                 true => PathError::TooFar {
@@ -263,9 +298,12 @@ fn smooth_piece(
                 break;
             }
         }
-        widen(&mut reaches, &curvatures, options);
+        widen(&mut reaches, &sharp.nodes);
     }
-    Err(refused.unwrap_or(PathError::ZeroLength))
+    let error = refused.unwrap_or(PathError::ZeroLength);
+    // Where none of the places is a corner, the sharpest one may be.
+    beyond.extend(error.sharp_at());
+    Err(Refused { error, at: beyond })
 }
 
 /// Share of the allowed deviation that smoothing for noise may take.
@@ -285,68 +323,115 @@ fn noise_reach_m(raw: &RawPiece, accuracy_m: f64, options: &Smoothing) -> f64 {
     (0.297 * accuracy_m * spacing_m.sqrt() / curvature_per_m).powf(0.4)
 }
 
-/// A piece to be smoothed: its nodes, the distance between them, and whether those next to its ends stay.
+/// A piece to be smoothed.
 struct Curve<'a> {
     raw: &'a RawPiece,
-    nodes: (Vec<Point2>, f64),
-    pinned: (bool, bool),
+    nodes: Vec<Point2>,
+    /// Distance between nodes along the polyline, m.
+    step_m: f64,
+    /// Where each raw point is, in nodes from the start.
+    places: Vec<f64>,
 }
 
-impl Curve<'_> {
-    /// Returns the smoothed piece and the curvature around each node.
-    fn smoothed(&self, reaches: &[f64], window_m: f64) -> (SmoothPiece, Vec<f64>) {
-        let (given, step_m) = &self.nodes;
-        let stiffness: Vec<f64> = reaches.iter().map(|reach| reach.powi(4)).collect();
-        let nodes = smooth_nodes(given, &stiffness, self.pinned);
-        let slope = |tangent: [f64; 2]| [tangent[0] * step_m, tangent[1] * step_m];
-        let spline = Spline::through(
+impl<'a> Curve<'a> {
+    fn new(raw: &'a RawPiece, spacing_m: f64) -> Self {
+        let mut length_m = 0.0;
+        let mut along_m = vec![0.0];
+        for pair in raw.points.windows(2) {
+            length_m += pair[0].1.distance_m(&pair[1].1);
+            along_m.push(length_m);
+        }
+        let (nodes, step_m) = resampled(raw, &along_m, spacing_m);
+        let places = along_m.iter().map(|m| m / step_m).collect();
+        Self {
+            raw,
             nodes,
-            self.raw.start_tangent.map(slope),
-            self.raw.end_tangent.map(slope),
-        );
-        let table = ArcLength::new(|u| spline.at(u), spline.end(), given.len() - 1);
+            step_m,
+            places,
+        }
+    }
+
+    /// Returns the spline through the nodes, smoothed by `reaches`; those next to a cusp stay.
+    fn spline(&self, reaches: &[f64]) -> Spline {
+        let (start, end) = (self.raw.start_tangent, self.raw.end_tangent);
+        let stiffness: Vec<f64> = reaches.iter().map(|reach| reach.powi(4)).collect();
+        let nodes = smooth_nodes(&self.nodes, &stiffness, (start.is_some(), end.is_some()));
+        let slope = |tangent: [f64; 2]| [tangent[0] * self.step_m, tangent[1] * self.step_m];
+        Spline::through(nodes, start.map(slope), end.map(slope))
+    }
+
+    /// Returns whether no raw point is farther than this from its own place on the curve, and so from the curve.
+    fn is_within(&self, spline: &Spline, distance_m: f64) -> bool {
+        let points = self.raw.points.iter().zip(&self.places);
+        points.into_iter().all(|((_, position), &place)| {
+            let there = spline.at(place.min(spline.end())).position;
+            there.distance_m(position) <= distance_m
+        })
+    }
+
+    fn sampled(&self, spline: &Spline, window_m: f64) -> SmoothPiece {
+        let table = ArcLength::new(|u| spline.at(u), spline.end(), self.nodes.len() - 1);
         let piece = SmoothPiece {
             length_m: table.length_m(),
             samples: table.samples(Direction::Forward),
             offsets: Vec::new(),
         };
-        (with_offsets(piece, self.raw, window_m), curvatures(&spline))
+        with_offsets(piece, self.raw, window_m)
     }
 }
 
-/// Returns the largest curvature around each node, 1/m: at the node, or on average over a part of the way to the
-/// next one, where the curve may bend sharply or turn back.
-fn curvatures(spline: &Spline) -> Vec<f64> {
+/// Nodes around which a curve bends more than the smoothing aims at.
+struct SharpNodes {
+    nodes: Vec<bool>,
+    /// Whether it bends so much that any samples of it do.
+    surely: bool,
+}
+
+/// Finds them by the curvature at the node, or on average over a part of the way to the next one, where the curve may
+/// bend sharply or turn back.
+fn sharp_nodes(spline: &Spline, max_curvature_per_m: f64) -> SharpNodes {
     /// Parts of the way to the next node.
     const PARTS: u8 = 4;
-    let nodes = 0..=spline.end() as usize;
-    let mut curvatures: Vec<f64> = nodes
-        .map(|i| spline.at(i as f64).curvature_per_m().abs())
-        .collect();
-    for i in 0..curvatures.len() - 1 {
+    /// Curvature, of the largest one, that samples between nodes cannot miss.
+    const SURELY: f64 = 1.2;
+    let limit = MARGIN * max_curvature_per_m;
+    let mut sharp = SharpNodes {
+        nodes: vec![false; spline.end() as usize + 1],
+        surely: false,
+    };
+    let mut found = |nodes: &[usize], curvature_per_m: f64| {
+        if curvature_per_m.is_nan() || curvature_per_m > limit {
+            nodes.iter().for_each(|&node| sharp.nodes[node] = true);
+            sharp.surely |= curvature_per_m > SURELY * max_curvature_per_m;
+        }
+    };
+    for i in 0..spline.end() as usize {
+        if spline.curvature_bound_per_m(i) <= limit {
+            continue;
+        }
         let point = |part: u8| spline.at(i as f64 + f64::from(part) / f64::from(PARTS));
         let mut a = point(0);
+        found(&[i], a.curvature_per_m().abs());
         for part in 1..=PARTS {
             let b = point(part);
             let [[ax, ay], [bx, by]] = [a.tangent, b.tangent];
             let turned_rad = (ax * by - ay * bx).atan2(ax * bx + ay * by);
-            let bend_per_m = turned_rad.abs() / a.position.distance_m(&b.position);
-            curvatures[i] = curvatures[i].max(bend_per_m);
-            curvatures[i + 1] = curvatures[i + 1].max(bend_per_m);
+            found(
+                &[i, i + 1],
+                turned_rad.abs() / a.position.distance_m(&b.position),
+            );
             a = b;
         }
+        found(&[i + 1], a.curvature_per_m().abs());
     }
-    curvatures
+    sharp
 }
 
-/// Lengthens the reach of the smoothing where nodes bend too much, and around them so that the
-/// reach changes gradually: curvature would gather where it drops.
-fn widen(reaches: &mut [f64], curvatures: &[f64], options: &Smoothing) {
-    let limit = MARGIN * options.max_curvature_per_m;
-    for (reach, &curvature) in reaches.iter_mut().zip(curvatures) {
-        if curvature.is_nan() || curvature > limit {
-            *reach *= GROWTH;
-        }
+/// Lengthens the reach of the smoothing at sharp nodes, and around them so that the reach changes gradually: curvature
+/// would gather where it drops.
+fn widen(reaches: &mut [f64], sharp: &[bool]) {
+    for (reach, _) in reaches.iter_mut().zip(sharp).filter(|(_, sharp)| **sharp) {
+        *reach *= GROWTH;
     }
     for i in 1..reaches.len() {
         reaches[i] = reaches[i].max(reaches[i - 1] - GRADE);
@@ -356,17 +441,11 @@ fn widen(reaches: &mut [f64], curvatures: &[f64], options: &Smoothing) {
     }
 }
 
-/// Returns nodes uniform along the polyline and their distance; those next to a cusp are put on
-/// the tangent there.
-fn resampled(raw: &RawPiece, spacing_m: f64) -> (Vec<Point2>, f64) {
+/// Returns nodes uniform along the polyline, whose points are `along_m` from its start, and their distance; those next
+/// to a cusp are put on the tangent there.
+fn resampled(raw: &RawPiece, along_m: &[f64], spacing_m: f64) -> (Vec<Point2>, f64) {
     let points = &raw.points;
-    let mut along_m = Vec::with_capacity(points.len());
-    let mut length_m = 0.0;
-    along_m.push(0.0);
-    for pair in points.windows(2) {
-        length_m += pair[0].1.distance_m(&pair[1].1);
-        along_m.push(length_m);
-    }
+    let length_m = along_m[along_m.len() - 1];
     let intervals = (length_m / spacing_m).ceil().max(4.0) as usize;
     let step_m = length_m / intervals as f64;
     let mut nodes = Vec::with_capacity(intervals + 1);
@@ -524,4 +603,28 @@ fn spread(offsets: &[Offset], count: usize) -> Vec<f64> {
         before_m = *arc_length_m;
     }
     arc_lengths_m
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_places_beside_each_other_the_farthest_is_parted_first() {
+        let distances_m = [0.0, 0.3, 0.2, 0.4, 0.0, 0.25, 0.1, 0.5];
+        let offset = |(index, &distance_m): (usize, &f64)| Offset {
+            index,
+            position: Point2 { x_m: 0.0, y_m: 0.0 },
+            arc_length_m: index as f64,
+            distance_m,
+        };
+        let piece = SmoothPiece {
+            length_m: 7.0,
+            samples: Vec::new(),
+            offsets: distances_m.iter().enumerate().map(offset).collect(),
+        };
+        assert_eq!(piece.peaks_beyond(0.15, 0.5), [1, 2, 3, 5, 7]);
+        assert_eq!(piece.peaks_beyond(0.15, 2.5), [3, 7]);
+        assert!(piece.peaks_beyond(0.6, 1.0).is_empty());
+    }
 }

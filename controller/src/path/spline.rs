@@ -49,33 +49,32 @@ pub(super) fn smooth_nodes(
             diagonal[i] -= l1[i] * first[i - 1];
         }
     }
-    let solve = |coordinate: fn(&Point2) -> f64| {
-        let mut z: Vec<f64> = given
-            .iter()
-            .zip(&weights)
-            .map(|(point, weight)| weight * coordinate(point))
-            .collect();
-        for i in 1..n {
-            z[i] -= l1[i] * z[i - 1];
+    let mut z: Vec<[f64; 2]> = given
+        .iter()
+        .zip(&weights)
+        .map(|(point, weight)| [weight * point.x_m, weight * point.y_m])
+        .collect();
+    for i in 1..n {
+        for k in 0..2 {
+            z[i][k] -= l1[i] * z[i - 1][k];
             if i >= 2 {
-                z[i] -= l2[i] * z[i - 2];
+                z[i][k] -= l2[i] * z[i - 2][k];
             }
         }
-        for i in (0..n).rev() {
-            z[i] /= diagonal[i];
+    }
+    for i in (0..n).rev() {
+        for k in 0..2 {
+            z[i][k] /= diagonal[i];
             if i + 1 < n {
-                z[i] -= l1[i + 1] * z[i + 1];
+                z[i][k] -= l1[i + 1] * z[i + 1][k];
             }
             if i + 2 < n {
-                z[i] -= l2[i + 2] * z[i + 2];
+                z[i][k] -= l2[i + 2] * z[i + 2][k];
             }
         }
-        z
-    };
-    let (x, y) = (solve(|p| p.x_m), solve(|p| p.y_m));
-    x.into_iter()
-        .zip(y)
-        .map(|(x_m, y_m)| Point2 { x_m, y_m })
+    }
+    z.into_iter()
+        .map(|[x_m, y_m]| Point2 { x_m, y_m })
         .collect()
 }
 
@@ -93,20 +92,32 @@ impl Spline {
         start_slope: Option<[f64; 2]>,
         end_slope: Option<[f64; 2]>,
     ) -> Self {
-        let x: Vec<f64> = nodes.iter().map(|p| p.x_m).collect();
-        let y: Vec<f64> = nodes.iter().map(|p| p.y_m).collect();
-        let slopes = |k: usize| (start_slope.map(|s| s[k]), end_slope.map(|s| s[k]));
-        let seconds = second_derivatives(&x, slopes(0))
-            .into_iter()
-            .zip(second_derivatives(&y, slopes(1)))
-            .map(|(x, y)| [x, y])
-            .collect();
+        let seconds = second_derivatives(&nodes, (start_slope, end_slope));
         Self { nodes, seconds }
     }
 
     /// Returns the largest parameter.
     pub(super) fn end(&self) -> f64 {
         (self.nodes.len() - 1) as f64
+    }
+
+    /// Returns a curvature, 1/m, that is exceeded nowhere between a node and the next one.
+    pub(super) fn curvature_bound_per_m(&self, node: usize) -> f64 {
+        let (a, b) = (&self.nodes[node], &self.nodes[node + 1]);
+        let second = |k: usize| {
+            self.seconds[node][k]
+                .abs()
+                .max(self.seconds[node + 1][k].abs())
+        };
+        let (x, y) = (second(0), second(1));
+        let second = (x * x + y * y).sqrt();
+        // The slope is that of the chord somewhere, in each coordinate.
+        let speed = a.distance_m(b) - second;
+        if speed > 0.0 {
+            second / (speed * speed)
+        } else {
+            f64::INFINITY
+        }
     }
 
     /// Returns the curve at a parameter.
@@ -134,17 +145,22 @@ impl Spline {
 }
 
 /// Solves the tridiagonal system of a cubic spline on unit intervals for its second derivatives.
-fn second_derivatives(values: &[f64], slopes: (Option<f64>, Option<f64>)) -> Vec<f64> {
-    let n = values.len();
-    let (mut diagonal, mut upper, mut z) = (vec![4.0; n], vec![1.0; n], vec![0.0; n]);
-    for i in 1..n - 1 {
-        z[i] = 6.0 * (values[i - 1] - 2.0 * values[i] + values[i + 1]);
+fn second_derivatives(
+    nodes: &[Point2],
+    slopes: (Option<[f64; 2]>, Option<[f64; 2]>),
+) -> Vec<[f64; 2]> {
+    let n = nodes.len();
+    let value = |i: usize| [nodes[i].x_m, nodes[i].y_m];
+    let (mut diagonal, mut upper, mut z) = (vec![4.0; n], vec![1.0; n], vec![[0.0; 2]; n]);
+    for (i, z) in z.iter_mut().enumerate().take(n - 1).skip(1) {
+        let (before, here, after) = (value(i - 1), value(i), value(i + 1));
+        *z = [0, 1].map(|k| 6.0 * (before[k] - 2.0 * here[k] + after[k]));
     }
     let mut lower_last = 1.0;
     match slopes.0 {
         Some(slope) => {
             diagonal[0] = 2.0;
-            z[0] = 6.0 * (values[1] - values[0] - slope);
+            z[0] = [0, 1].map(|k| 6.0 * (value(1)[k] - value(0)[k] - slope[k]));
         }
         None => {
             diagonal[0] = 1.0;
@@ -154,7 +170,7 @@ fn second_derivatives(values: &[f64], slopes: (Option<f64>, Option<f64>)) -> Vec
     match slopes.1 {
         Some(slope) => {
             diagonal[n - 1] = 2.0;
-            z[n - 1] = 6.0 * (slope - values[n - 1] + values[n - 2]);
+            z[n - 1] = [0, 1].map(|k| 6.0 * (slope[k] - value(n - 1)[k] + value(n - 2)[k]));
         }
         None => {
             diagonal[n - 1] = 1.0;
@@ -165,11 +181,15 @@ fn second_derivatives(values: &[f64], slopes: (Option<f64>, Option<f64>)) -> Vec
         let lower = if i == n - 1 { lower_last } else { 1.0 };
         let factor = lower / diagonal[i - 1];
         diagonal[i] -= factor * upper[i - 1];
-        z[i] -= factor * z[i - 1];
+        for k in 0..2 {
+            z[i][k] -= factor * z[i - 1][k];
+        }
     }
-    z[n - 1] /= diagonal[n - 1];
-    for i in (0..n - 1).rev() {
-        z[i] = (z[i] - upper[i] * z[i + 1]) / diagonal[i];
+    for k in 0..2 {
+        z[n - 1][k] /= diagonal[n - 1];
+        for i in (0..n - 1).rev() {
+            z[i][k] = (z[i][k] - upper[i] * z[i + 1][k]) / diagonal[i];
+        }
     }
     z
 }

@@ -10,6 +10,7 @@ use sidehill_controller::reference::Reference;
 use sidehill_controller::speed_profile::speed_profile;
 use sidehill_controller::trajectory::{Motion, Trajectory};
 use sidehill_plant::frames::wrap_angle;
+use std::time::{Duration, Instant};
 
 const TIGHT: Smoothing = Smoothing {
     max_curvature_per_m: 1.0,
@@ -50,6 +51,19 @@ fn a_bend_that_the_deviation_does_not_allow_is_a_corner_where_it_was_given() {
     let points = raw(&[(0.0, 0.0), (0.0, 4.0), (3.0, 4.0), (3.0, 8.0)]);
     let round = smooth(&points, &wide).unwrap().path;
     assert_eq!(round.corners().count(), 0);
+}
+
+#[test]
+fn a_long_path_of_corners_is_not_smoothed_anew_for_each() {
+    // Some minutes where each corner that cannot be rounded has all the rest smoothed again.
+    let legs = 950;
+    let place = |i: usize| (20.0 * (i / 2) as f64, 20.0 * (i.div_ceil(2)) as f64);
+    let points: Vec<_> = (0..=legs).map(place).collect();
+    let begun = Instant::now();
+    let path = smooth(&raw(&points), &TIGHT).unwrap().path;
+    assert_eq!(path.corners().count(), legs - 1);
+    assert!((path.length_m() - 20.0 * legs as f64).abs() < 1e-6);
+    assert!(begun.elapsed() < Duration::from_secs(30));
 }
 
 #[test]

@@ -50,8 +50,8 @@ pub fn repository(folder: &str) -> PathBuf {
         .join(folder)
 }
 
-/// Longest path that is smoothed, m: smoothing takes time in proportion to the length, up to 1 ms a metre in this build.
-pub const PATH_MAX_M: f64 = 500.0;
+/// Longest path that is smoothed, m: smoothing takes time in proportion to the length, up to 0.4 ms a metre in this build.
+pub const PATH_MAX_M: f64 = 2000.0;
 
 /// Does what `sidehill check` does with a file; of a longer path than [`PATH_MAX_M`] only reads it.
 pub fn check_file(path: &Path) {
