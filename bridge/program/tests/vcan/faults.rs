@@ -4,6 +4,8 @@ use crate::support::*;
 use crate::{
     COMMANDS_OFF_AFTER_SILENCE_S, CYCLE_S, DRIVES_OFF_AFTER_SILENCE_S, assert_off, assert_rearms,
 };
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
 use sidehill_can::frame::Frame;
 use sidehill_can_port::Sender;
 
@@ -210,4 +212,80 @@ fn another_node_that_sends_the_commands_identifier_stops_the_vehicle_and_forbids
     // It has been silent for longer than 3 s.
     sleep_s(3.5);
     assert_rearms("foreign command", &run, &observer);
+}
+
+/// Faults of the vehicle that are drawn.
+const DRAWN: [&str; 6] = [
+    "stop_feedback",
+    "freeze_counter",
+    "corrupt_checksum",
+    "!delay_s 0.1",
+    "!delay_s 0.6",
+    "emergency_stop",
+];
+
+/// `.ci/vcan` takes another seed than 1 from `FAULT_SEED`, and another number than 4 from `FAULT_DRAWS`.
+#[test]
+#[ignore = "needs a CAN bus: run .ci/vcan"]
+fn drawn_faults_stop_the_vehicle_until_re_armed_or_it_drives_on() {
+    let number = |name| std::env::var(name).unwrap().parse().unwrap();
+    let (seed, draws) = (number("FAULT_SEED"), number("FAULT_DRAWS"));
+    for draw in 0..draws {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        random.set_stream(draw);
+        let mut share = || f64::from(random.next_u32()) / f64::from(u32::MAX);
+        let mut windows = Vec::new();
+        // A fourth of the draws has two at once; short ones are as frequent as long ones.
+        for _ in 0..1 + usize::from(share() < 0.25) {
+            let (after_s, for_s) = (2.0 + 2.0 * share(), 0.05 * 60_f64.powf(share()));
+            let fault = DRAWN[(share() * 5.999) as usize];
+            windows.push((after_s, for_s, fault));
+        }
+        // What the bus does by itself, now and then.
+        let down_s = (share() < 0.25).then(|| 0.05 * 40_f64.powf(share()));
+        let name =
+            format!("seed {seed}, draw {draw}, {windows:.3?}, interface down for {down_s:.3?} s");
+
+        let folder = Folder::new(&format!("drawn_{draw}"));
+        let observer = Observer::start();
+        let rows: Vec<String> = windows
+            .iter()
+            .map(|(after_s, for_s, fault)| {
+                format!("{{after_enabled_s: {after_s}, for_s: {for_s}, fault: {fault}}}")
+            })
+            .collect();
+        let _vehicle = Program::vehicle(&folder, &format!("[{}]", rows.join(", ")));
+        let run = Program::run(&folder, &["--arm"]);
+        observer.wait_for_driving(1.5);
+        if let Some(down_s) = down_s {
+            ip(&["link", "set", BUS, "down"]);
+            sleep_s(down_s);
+            ensure_bus();
+        }
+        let over_s = windows.iter().map(|(after_s, for_s, _)| after_s + for_s);
+        // An interface that was down is opened again after 4 s at most.
+        sleep_s(over_s.fold(0.0, f64::max) + if down_s.is_some() { 4.0 } else { 2.0 });
+
+        let seen = observer.seen();
+        let on = seen.iter().position(|s| s.enable).unwrap();
+        let Some(off) = seen[on..].iter().position(|s| !s.enable) else {
+            assert!(
+                seen.last().is_some_and(|s| !s.zero),
+                "{name}: it neither drives nor stops"
+            );
+            println!("{name}: drove on");
+            continue;
+        };
+        let after = &seen[on + off..];
+        assert!(
+            after.iter().all(|s| !s.enable && s.zero),
+            "{name}: moved by itself"
+        );
+        let took_s = standing_after_s(&folder.truth(), after[0].unix_s);
+        assert_off(&name, took_s, DRIVES_OFF_AFTER_SILENCE_S + CYCLE_S);
+        let events = folder.events();
+        let stop = "\"to\":\"latched\",\"reason\":\"";
+        assert!(events.contains(stop), "{name}: no reason\n{events}");
+        assert_rearms(&name, &run, &observer);
+    }
 }
