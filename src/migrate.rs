@@ -33,10 +33,12 @@ pub fn run(args: &MigrateArgs) -> Result<ExitCode> {
     let mut up_to_date = true;
     for (path, migration) in migrations {
         let name = path.display();
-        for line in &migration.removed {
+        for line in migration.removed.iter().chain(&migration.by_hand) {
             console::line(format_args!("{name}: {line}"));
         }
+        up_to_date &= migration.by_hand.is_empty();
         match migration.removed.len() {
+            0 if !migration.by_hand.is_empty() => {}
             0 => console::line(format_args!("{name}: nothing to remove")),
             count if args.write => {
                 let kept = write(path, &migration.text)?;

@@ -14,7 +14,7 @@ pub(super) struct KeyPlace {
     /// Line, counted from 1.
     pub(super) line: usize,
     /// Its value, unless that is a list or a mapping.
-    value: Option<String>,
+    pub(super) value: Option<String>,
     /// From the first character of the key to the end of its value, in characters of the text.
     pub(super) span: Range<usize>,
     /// End of its name, likewise.

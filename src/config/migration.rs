@@ -4,7 +4,7 @@
 
 use super::file::{ConfigError, ConfigFile};
 use super::keys::{KeyPlace, Keys};
-use super::removed::{Removed, removed};
+use super::removed::{Removed, removed, removed_draws};
 use serde_yaml::Value;
 use std::ops::Range;
 
@@ -15,6 +15,8 @@ pub struct Migration {
     pub text: String,
     /// A line for each key that is removed: its place, its name, the version that removed it and why.
     pub removed: Vec<String>,
+    /// Likewise for each row of `draws` that draws such a key: the row stays, as what to draw instead is the user's choice.
+    pub by_hand: Vec<String>,
 }
 
 impl Migration {
@@ -39,6 +41,14 @@ impl Migration {
                 place.line
             ));
         }
+        let by_hand = removed_draws(&keys).map(|removed| {
+            let key = removed.place.value.as_deref().unwrap_or_default();
+            format!(
+                "line {}: draws {key}, removed in {}: {}; take the row out by hand",
+                removed.place.line, removed.version, removed.reason
+            )
+        });
+        let by_hand = by_hand.collect();
         let mut text = file.text().to_owned();
         // Each moves the places of those after it.
         for _ in &lines {
@@ -58,6 +68,7 @@ impl Migration {
         Ok(Self {
             text,
             removed: lines,
+            by_hand,
         })
     }
 }
@@ -168,6 +179,26 @@ mod tests {
         ] {
             assert_eq!(migration(before).unwrap().text, after, "{before}");
         }
+    }
+
+    #[test]
+    fn a_row_of_a_campaign_that_draws_a_removed_key_is_named_and_stays() {
+        let text = "with: {controller: {lead_max_m: 1}}\ndraws:\n  - {key: controller.lead_max_m, one_of: [1]}\n  - key: \
+                    controller.contact.step_limit\n    one_of: [1]\n  - {key: friction.minimum, one_of: [lead_max_m]}\n";
+        let migration = migration(text).unwrap();
+        assert_eq!(migration.removed.len(), 1);
+        assert_eq!(migration.text, text.replace("lead_max_m: 1", ""));
+        let [first, second] = &migration.by_hand[..] else {
+            panic!("{:?}", migration.by_hand);
+        };
+        assert!(
+            first.starts_with("line 3: draws controller.lead_max_m, removed in 0.2.0"),
+            "{first}"
+        );
+        assert!(
+            second.starts_with("line 4: draws controller.contact.step_limit"),
+            "{second}"
+        );
     }
 
     proptest! {

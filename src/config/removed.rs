@@ -114,19 +114,33 @@ pub(super) struct Removed<'keys> {
 
 /// Returns the keys of a text that no longer exist, in their order.
 pub(super) fn removed(keys: &Keys) -> impl Iterator<Item = Removed<'_>> {
+    keys.keys
+        .iter()
+        .filter_map(|place| of_setting(place, &place.path.join(".")))
+}
+
+/// Returns the keys of a campaign's `draws` that no longer exist, or whose section does not: where they are named.
+pub(super) fn removed_draws(keys: &Keys) -> impl Iterator<Item = Removed<'_>> {
     keys.keys.iter().filter_map(|place| {
-        let path = place.path.join(".");
-        let key = SECTIONS
-            .iter()
-            .find_map(|section| path.strip_prefix(section)?.strip_prefix('.'))?;
-        let (version, reason, _) = REMOVED
-            .iter()
-            .find(|(_, _, removed)| removed.contains(&key))?;
-        Some(Removed {
-            place,
-            version,
-            reason,
-        })
+        let is_drawn = place.path.iter().eq(["draws", "key"]);
+        let key = place.value.as_deref().filter(|_| is_drawn)?;
+        let ends = key.match_indices('.').map(|(dot, _)| dot);
+        ends.chain([key.len()])
+            .find_map(|end| of_setting(place, &key[..end]))
+    })
+}
+
+fn of_setting<'keys>(place: &'keys KeyPlace, path: &str) -> Option<Removed<'keys>> {
+    let key = SECTIONS
+        .iter()
+        .find_map(|section| path.strip_prefix(section)?.strip_prefix('.'))?;
+    let (version, reason, _) = REMOVED
+        .iter()
+        .find(|(_, _, removed)| removed.contains(&key))?;
+    Some(Removed {
+        place,
+        version,
+        reason,
     })
 }
 
