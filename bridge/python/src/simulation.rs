@@ -166,6 +166,7 @@ impl Simulation {
         }
         last.copy_from_slice(&[
             (here.x_m - at.x_m).hypot(here.y_m - at.y_m),
+            world.reference.time_s(),
             state.time_s,
             f64::from(u8::from(world.finished)),
             f64::from(u8::from(failed)),
@@ -409,14 +410,14 @@ impl Simulation {
 }
 
 /// Drives simulations side by side, on threads and without the interpreter's lock, and returns what `sidehill.gym` shows
-/// of each: array of shape (n, 11 + 3 k).
+/// of each: array of shape (n, 12 + 3 k).
 ///
 /// told_m_s: left and right speeds of one after the other, n times two, m/s; none to look only. dt_s: n durations, s.
 /// ahead_s: k instants at which the reference is shown, s.
 ///
 /// Columns: cross-track, along-track and heading error; roll and pitch; effective speeds of the treads; for each instant
-/// the reference to the right, ahead and its turn, seen from the vehicle; distance from the reference, time, whether the
-/// reference has ended and whether the step failed, so that the vehicle is where it was.
+/// the reference to the right, ahead and its turn, seen from the vehicle; distance from the reference, how much of it is
+/// behind (s at the speed asked for), time, whether the reference has ended and whether the step failed, so that the vehicle is where it was.
 #[pyfunction]
 pub fn drive<'py>(
     py: Python<'py>,
@@ -443,7 +444,7 @@ pub fn drive<'py>(
             (speeds, dt_s[index])
         })
     };
-    let width = 11 + 3 * ahead_s.len();
+    let width = 12 + 3 * ahead_s.len();
     let mut rows = vec![0.0; count * width];
     let simulations: Vec<&Simulation> = simulations.iter().map(Py::get).collect();
     guarded(py, || {

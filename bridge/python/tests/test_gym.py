@@ -116,6 +116,8 @@ def test_all_may_end_at_once(short: sidehill.Scenario) -> None:
     assert infos["_finished"].all() and not infos["finished"].any()
     observations, rewards, terminated, *_ = envs.step(np.ones((2, 2)))
     assert not terminated.any() and not rewards.any() and (observations[:, 0] == 0).all()
+    _, rewards, *_ = envs.step(np.full((2, 2), [0.3, 0.0]))
+    assert (0 < rewards).all() and (rewards < short.period_s).all()
 
 
 def episode(env: Any, policy: Any, seed: Any) -> Any:
@@ -138,10 +140,22 @@ def test_the_baseline_tracks_and_a_seed_repeats_every_bit(short: sidehill.Scenar
     assert terminated and info["finished"]
     # Column 0 is the cross-track error.
     assert np.abs(observations[:, 0]).max() < 0.02
-    assert -1 < rewards.sum() < 0
+    # What is covered earns what it takes at the speed asked for.
+    assert 0.9 < rewards.sum() / env.simulation.reference_end_s < 1
     again = episode(env, Baseline(env), seed=4)
     np.testing.assert_array_equal(first[0], again[0])
     np.testing.assert_array_equal(first[1], again[1])
+
+
+def test_standing_earns_nothing_and_haste_no_more_than_the_time_it_takes(short: sidehill.Scenario) -> None:
+    env = PathTracking(short)
+    _, stood, info, _ = episode(env, lambda _: np.zeros(2), seed=1)
+    assert not stood.any() and not info["finished"]
+    env.reset(seed=1)
+    _, hasty, *_ = env.step(np.array([1.0, 0.0]))
+    for _ in range(5):
+        _, hasty, *_ = env.step(np.array([1.0, 0.0]))
+    assert 0.9 * short.period_s < hasty <= short.period_s
 
 
 def test_an_observation_is_what_it_is_named_for(short: sidehill.Scenario) -> None:

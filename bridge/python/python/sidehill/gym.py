@@ -32,7 +32,7 @@ _Doubles = npt.NDArray[np.float64]
 _Flags = npt.NDArray[np.bool_]
 
 ERROR_SCALE_M = 0.1
-"""Distance from the reference that costs 1 a second."""
+"""Distance from the reference that costs 1 a second, as much as driving as asked earns."""
 STEER_CHANGE_COST = 0.1
 """Cost of changing the steer command by 1 m/s: turning to and fro slides a rover downhill."""
 
@@ -56,11 +56,11 @@ class PathTracking(gymnasium.Env[_Floats, _Floats]):
     What is beyond the bounds of `observation_space` is clipped: errors at 2 lost_m, speeds at 2 speed_max_m_s, and the
     reference at 2 lost_m and what is driven until then at twice speed_max_m_s.
 
-    Reward, per step of the scenario's control period: its duration times -(distance from the reference /
-    ERROR_SCALE_M)^2, less STEER_CHANGE_COST times the change of steer in m/s. An episode terminates at the end of the
-    reference, where the vehicle is `lost_m` away (a reward of -LOST_COST) or where the known ground ends (likewise);
-    it is truncated after one and a half times the reference's duration and 30 s. `info` has `cross_track_m`, and at the
-    end `finished`.
+    Reward, per step of the scenario's control period: what it covered of the reference, in seconds at the speed asked for
+    and at most its duration, less its duration times (distance from the reference / ERROR_SCALE_M)^2, less
+    STEER_CHANGE_COST times the change of steer in m/s. An episode terminates where the vehicle stands at the end of the
+    reference, is `lost_m` away (a reward of -LOST_COST) or leaves the known ground (likewise); it is truncated after one
+    and a half times the reference's duration and 30 s. `info` has `cross_track_m`, and at the end `finished`.
 
     Raises ValueError with the argument's name and value.
     """
@@ -96,7 +96,7 @@ class PathTracking(gymnasium.Env[_Floats, _Floats]):
         self.scenario: Scenario
         self.vehicle: Vehicle
         self.simulation: Simulation
-        self._steer_m_s = np.zeros(1)
+        self._steer_m_s, self._progress_s = np.zeros(1), np.zeros(1)
         self._picture: Any = None
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
         bounds = [2 * lost_m, 2 * lost_m, math.pi, math.pi / 2, math.pi / 2, 2 * speed_max_m_s, 2 * speed_max_m_s]
@@ -118,12 +118,12 @@ class PathTracking(gymnasium.Env[_Floats, _Floats]):
         plant: Any = self._plant
         self.simulation = Simulation(self.scenario, plant, int(self.np_random.integers(2**32)))
         self.vehicle = self.simulation.vehicle
-        self._steer_m_s = np.zeros(1)
         self._picture = None
         # What `_drive` needs of each episode: c_l, c_r, control period and largest duration, s.
         constants = [self.vehicle.correction_left, self.vehicle.correction_right, self.scenario.period_s]
         self._constants = np.array([*constants, 1.5 * self.simulation.reference_end_s + 30])
         row = _sidehill.drive([self.simulation], None, self._constants[2:3], self._preview_s, 1)
+        self._steer_m_s, self._progress_s = np.zeros(1), row[:, -4].copy()
         return _observed(row, self)[0], {"cross_track_m": float(row[0, 0])}
 
     def step(self, action: npt.NDArray[np.floating[Any]]) -> tuple[_Floats, float, bool, bool, dict[str, Any]]:
@@ -132,8 +132,9 @@ class PathTracking(gymnasium.Env[_Floats, _Floats]):
         Returns observation, reward, terminated, truncated and info. Raises ValueError where the action has another
         shape or is not finite.
         """
-        step = _drive(self, [self.simulation], self._constants[None], self._steer_m_s, np.asarray(action)[None], 1)
-        self._steer_m_s = step.steer_m_s
+        before = self._constants[None], self._steer_m_s, self._progress_s
+        step = _drive(self, [self.simulation], *before, np.asarray(action)[None], 1)
+        self._steer_m_s, self._progress_s = step.steer_m_s, step.progress_s
         terminated, truncated = bool(step.terminated[0]), bool(step.truncated[0])
         info: dict[str, Any] = {"cross_track_m": float(step.cross_track_m[0])}
         if terminated or truncated:
@@ -190,7 +191,8 @@ class VectorPathTracking(gymnasium.vector.VectorEnv[_Floats, _Floats, npt.NDArra
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._over = np.zeros(num_envs, np.bool_)
         self._simulations: list[Simulation] = []
-        self._constants, self._steer_m_s = np.zeros((num_envs, 4)), np.zeros(num_envs)
+        self._constants = np.zeros((num_envs, 4))
+        self._steer_m_s, self._progress_s = np.zeros(num_envs), np.zeros(num_envs)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -208,7 +210,9 @@ class VectorPathTracking(gymnasium.vector.VectorEnv[_Floats, _Floats, npt.NDArra
         begun = [env.reset(seed=each) for env, each in zip(self.envs, seeds, strict=True)]
         self._over = np.zeros(self.num_envs, np.bool_)
         self._simulations = [env.simulation for env in self.envs]
-        self._constants, self._steer_m_s = np.array([env._constants for env in self.envs]), np.zeros(self.num_envs)
+        self._constants = np.array([env._constants for env in self.envs])
+        self._steer_m_s = np.zeros(self.num_envs)
+        self._progress_s = np.array([env._progress_s[0] for env in self.envs])
         return np.stack([observation for observation, _ in begun]), {
             "cross_track_m": np.array([info["cross_track_m"] for _, info in begun]),
             "_cross_track_m": np.ones(self.num_envs, np.bool_),
@@ -225,12 +229,13 @@ class VectorPathTracking(gymnasium.vector.VectorEnv[_Floats, _Floats, npt.NDArra
         if actions.shape != (count, 2):
             raise ValueError(f"action: the shape ({count}, 2) is needed, not {actions.shape}")
         if not self._over.any():
-            step = _drive(self.envs[0], self._simulations, self._constants, self._steer_m_s, actions, self.threads)
+            before = self._constants, self._steer_m_s, self._progress_s
+            step = _drive(self.envs[0], self._simulations, *before, actions, self.threads)
         else:
             begins, drives = np.flatnonzero(self._over), np.flatnonzero(~self._over)
             simulations = [self._simulations[index] for index in drives]
-            of_drives = self._constants[drives], self._steer_m_s[drives], actions[drives]
-            step = _drive(self.envs[0], simulations, *of_drives, self.threads)
+            before = self._constants[drives], self._steer_m_s[drives], self._progress_s[drives]
+            step = _drive(self.envs[0], simulations, *before, actions[drives], self.threads)
             parts: list[npt.NDArray[Any]] = list(step)
             spread = [np.zeros((count, *part.shape[1:]), part.dtype) for part in parts]
             for whole, part in zip(spread, parts, strict=True):
@@ -238,9 +243,9 @@ class VectorPathTracking(gymnasium.vector.VectorEnv[_Floats, _Floats, npt.NDArra
             step = _Step._make(spread)
             for index in begins:
                 step.observations[index], info = self.envs[index].reset()
-                step.cross_track_m[index] = info["cross_track_m"]
+                step.cross_track_m[index], step.progress_s[index] = info["cross_track_m"], self.envs[index]._progress_s[0]
                 self._simulations[index], self._constants[index] = self.envs[index].simulation, self.envs[index]._constants
-        self._steer_m_s = step.steer_m_s
+        self._steer_m_s, self._progress_s = step.steer_m_s, step.progress_s
         self._over = step.terminated | step.truncated
         infos: dict[str, Any] = {"cross_track_m": step.cross_track_m, "_cross_track_m": np.ones(count, np.bool_)}
         if self._over.any():
@@ -256,7 +261,7 @@ def _observed(rows: _Doubles, env: PathTracking) -> _Floats:
     """Returns observations: what the core gives of each environment, within their bounds."""
     space = env.observation_space
     assert isinstance(space, gymnasium.spaces.Box)
-    return np.clip(rows[:, :-4].astype(np.float32), space.low, space.high)
+    return np.clip(rows[:, :-5].astype(np.float32), space.low, space.high)
 
 
 class _Step(NamedTuple):
@@ -269,6 +274,7 @@ class _Step(NamedTuple):
     cross_track_m: _Doubles
     finished: _Flags
     steer_m_s: _Doubles
+    progress_s: _Doubles
 
 
 def _drive(
@@ -276,6 +282,7 @@ def _drive(
     simulations: list[Simulation],
     constants: _Doubles,
     steer_before_m_s: _Doubles,
+    progress_before_s: _Doubles,
     actions: npt.NDArray[Any],
     threads: int,
 ) -> _Step:
@@ -288,15 +295,15 @@ def _drive(
     # Equation (11), solved for what the drives are told.
     speeds = np.stack([(traction - steer) / left, (traction + steer) / right], -1).ravel()
     rows = _sidehill.drive(simulations, speeds, dt_s.copy(), like._preview_s, threads)
-    distance_m, time_s, ended, failed = rows[:, -4:].T
+    distance_m, progress_s, time_s, ended, failed = rows[:, -5:].T
     # A step fails where the known ground ends.
     lost = (failed > 0) | (distance_m > like.lost_m)
     scaled = distance_m / ERROR_SCALE_M
-    rewards = (
-        -STEER_CHANGE_COST * abs(steer - steer_before_m_s) - dt_s * (scaled * scaled) - np.where(lost, like.LOST_COST, 0.0)
-    )
+    covered_s = np.minimum(progress_s - progress_before_s, dt_s)
+    costs = STEER_CHANGE_COST * abs(steer - steer_before_m_s) + dt_s * (scaled * scaled) + np.where(lost, like.LOST_COST, 0.0)
     finished = (ended > 0) & ~lost
-    return _Step(_observed(rows, like), rewards, lost | finished, time_s > time_max_s, rows[:, 0].copy(), finished, steer)
+    flags = lost | finished, time_s > time_max_s
+    return _Step(_observed(rows, like), covered_s - costs, *flags, rows[:, 0].copy(), finished, steer, progress_s.copy())
 
 
 class Baseline:
