@@ -1,6 +1,7 @@
 //! Smoothing of a row of nodes, and the cubic spline through it.
 
 use super::{CurvePoint, Point2};
+use nalgebra::Vector2;
 
 /// Weight that pins a node, against 1 of a free one.
 const PIN: f64 = 1e9;
@@ -49,33 +50,33 @@ pub(super) fn smooth_nodes(
             diagonal[i] -= l1[i] * first[i - 1];
         }
     }
-    let mut z: Vec<[f64; 2]> = given
+    let mut z: Vec<Vector2<f64>> = given
         .iter()
         .zip(&weights)
-        .map(|(point, weight)| [weight * point.x_m, weight * point.y_m])
+        .map(|(point, weight)| *weight * vector(point))
         .collect();
     for i in 1..n {
-        for k in 0..2 {
-            z[i][k] -= l1[i] * z[i - 1][k];
-            if i >= 2 {
-                z[i][k] -= l2[i] * z[i - 2][k];
-            }
+        z[i] = z[i] - l1[i] * z[i - 1];
+        if i >= 2 {
+            z[i] = z[i] - l2[i] * z[i - 2];
         }
     }
     for i in (0..n).rev() {
-        for k in 0..2 {
-            z[i][k] /= diagonal[i];
-            if i + 1 < n {
-                z[i][k] -= l1[i + 1] * z[i + 1][k];
-            }
-            if i + 2 < n {
-                z[i][k] -= l2[i + 2] * z[i + 2][k];
-            }
+        z[i] /= diagonal[i];
+        if i + 1 < n {
+            z[i] = z[i] - l1[i + 1] * z[i + 1];
+        }
+        if i + 2 < n {
+            z[i] = z[i] - l2[i + 2] * z[i + 2];
         }
     }
     z.into_iter()
-        .map(|[x_m, y_m]| Point2 { x_m, y_m })
+        .map(|z| Point2 { x_m: z.x, y_m: z.y })
         .collect()
+}
+
+fn vector(point: &Point2) -> Vector2<f64> {
+    Vector2::new(point.x_m, point.y_m)
 }
 
 /// A cubic spline through nodes at the parameters 0, 1, 2, ...
@@ -150,17 +151,17 @@ fn second_derivatives(
     slopes: (Option<[f64; 2]>, Option<[f64; 2]>),
 ) -> Vec<[f64; 2]> {
     let n = nodes.len();
-    let value = |i: usize| [nodes[i].x_m, nodes[i].y_m];
-    let (mut diagonal, mut upper, mut z) = (vec![4.0; n], vec![1.0; n], vec![[0.0; 2]; n]);
-    for (i, z) in z.iter_mut().enumerate().take(n - 1).skip(1) {
-        let (before, here, after) = (value(i - 1), value(i), value(i + 1));
-        *z = [0, 1].map(|k| 6.0 * (before[k] - 2.0 * here[k] + after[k]));
+    let slopes = (slopes.0.map(Vector2::from), slopes.1.map(Vector2::from));
+    let (mut diagonal, mut upper) = (vec![4.0; n], vec![1.0; n]);
+    let mut z = vec![Vector2::zeros(); n];
+    for i in 1..n - 1 {
+        z[i] = 6.0 * (vector(&nodes[i - 1]) - 2.0 * vector(&nodes[i]) + vector(&nodes[i + 1]));
     }
     let mut lower_last = 1.0;
     match slopes.0 {
         Some(slope) => {
             diagonal[0] = 2.0;
-            z[0] = [0, 1].map(|k| 6.0 * (value(1)[k] - value(0)[k] - slope[k]));
+            z[0] = 6.0 * (vector(&nodes[1]) - vector(&nodes[0]) - slope);
         }
         None => {
             diagonal[0] = 1.0;
@@ -170,7 +171,7 @@ fn second_derivatives(
     match slopes.1 {
         Some(slope) => {
             diagonal[n - 1] = 2.0;
-            z[n - 1] = [0, 1].map(|k| 6.0 * (slope[k] - value(n - 1)[k] + value(n - 2)[k]));
+            z[n - 1] = 6.0 * (slope - vector(&nodes[n - 1]) + vector(&nodes[n - 2]));
         }
         None => {
             diagonal[n - 1] = 1.0;
@@ -181,15 +182,11 @@ fn second_derivatives(
         let lower = if i == n - 1 { lower_last } else { 1.0 };
         let factor = lower / diagonal[i - 1];
         diagonal[i] -= factor * upper[i - 1];
-        for k in 0..2 {
-            z[i][k] -= factor * z[i - 1][k];
-        }
+        z[i] = z[i] - factor * z[i - 1];
     }
-    for k in 0..2 {
-        z[n - 1][k] /= diagonal[n - 1];
-        for i in (0..n - 1).rev() {
-            z[i][k] = (z[i][k] - upper[i] * z[i + 1][k]) / diagonal[i];
-        }
+    z[n - 1] /= diagonal[n - 1];
+    for i in (0..n - 1).rev() {
+        z[i] = (z[i] - upper[i] * z[i + 1]) / diagonal[i];
     }
-    z
+    z.into_iter().map(Into::into).collect()
 }
