@@ -54,5 +54,30 @@ pub(crate) fn explained(error: &rusqlite::Error, expected: &str) -> String {
         _ if error.to_string().contains("no such table") => format!(": not {expected}"),
         _ => String::new(),
     };
-    format!("{error}{hint}")
+    match error {
+        // A column that is not there; the query itself says nothing to a user.
+        rusqlite::Error::SqlInputError { msg, .. } => format!("{msg}: not {expected}"),
+        error => format!("{error}{hint}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_database_lacks_is_named_without_the_query() {
+        let database = Connection::open_in_memory().unwrap();
+        database.execute_batch("CREATE TABLE tiles (a)").unwrap();
+        for (query, lacks) in [
+            (
+                "SELECT tile_row FROM tiles",
+                "no such column: tile_row: not a map",
+            ),
+            ("SELECT a FROM images", "no such table: images: not a map"),
+        ] {
+            let error = database.prepare(query).unwrap_err();
+            assert_eq!(explained(&error, "a map"), lacks);
+        }
+    }
 }
