@@ -417,7 +417,8 @@ impl Simulation {
 ///
 /// Columns: cross-track, along-track and heading error; roll and pitch; effective speeds of the treads; for each instant
 /// the reference to the right, ahead and its turn, seen from the vehicle; distance from the reference, how much of it is
-/// behind (s at the speed asked for), time, whether the reference has ended and whether the step failed, so that the vehicle is where it was.
+/// behind (s at the speed asked for), time, whether the reference has ended and whether the step failed, so that the
+/// vehicle is where it was.
 #[pyfunction]
 pub fn drive<'py>(
     py: Python<'py>,

@@ -243,6 +243,8 @@ fn smooth_piece(
         reaches.fill(reach.max(1.0));
     }
     let mut refused: Option<PathError> = None;
+    // Of the last round that was within the deviation, unless `refused` is.
+    let mut within: Option<Spline> = None;
     let mut beyond: Vec<usize> = Vec::new();
     for round in 1..=ROUNDS {
         let spline = curve.spline(&reaches);
@@ -251,6 +253,7 @@ fn smooth_piece(
         let goes_on = sharp.surely && curve.is_within(&spline, options.max_deviation_m);
         if goes_on && beyond.is_empty() && round < ROUNDS {
             widen(&mut reaches, &sharp.nodes);
+            (refused, within) = (None, Some(spline));
             continue;
         }
         let piece = curve.sampled(&spline, window_m);
@@ -262,11 +265,17 @@ fn smooth_piece(
                 return Ok(piece);
             }
             refused = Some(sharp_error(&piece, worst, curvature_per_m, options));
+            within = None;
         } else {
             // Not within the deviation; which one would do?
             if beyond.is_empty() {
                 beyond = piece
                     .peaks_beyond(options.max_deviation_m, APART / options.max_curvature_per_m);
+            }
+            if let Some(spline) = within.take() {
+                let piece = curve.sampled(&spline, window_m);
+                let (worst, curvature_per_m) = sharpest(&piece);
+                refused = Some(sharp_error(&piece, worst, curvature_per_m, options));
             }
             window_m = window_m.max(2.0 * farthest.distance_m);
             let error = refused.get_or_insert_with(|| match bends_enough {
