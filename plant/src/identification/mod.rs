@@ -41,7 +41,7 @@ pub use fit::{
     CrossValidation, FittedParameter, IdentificationError, IdentificationSettings, StageReport,
     Warning,
 };
-pub use procedure::{Leg, LogNoise, Procedure, ProcedureDrive, ProcedureError, drive};
+pub use procedure::{Leg, LogNoise, Procedure, ProcedureDrive, ProcedureError, drive, drive_plant};
 pub use segments::{Segment, SegmentErrors, Segmentation, segments};
 pub use stages::{
     identify_level, identify_level_determined, identify_slope, identify_slope_determined,

@@ -6,7 +6,7 @@ use crate::frames::{Attitude, PlanarPose, Pose};
 use crate::log::{DriveLog, LogError, LogRow};
 use crate::motion::Motion;
 use crate::sensors::SensorsConfig;
-use crate::simulation::{Simulation, SimulationError, SimulationSetup, TrueState};
+use crate::simulation::{Plant, Simulation, SimulationError, SimulationSetup, TrueState};
 use crate::speeds::EncoderScale;
 use crate::speeds::{MeasuredTreadSpeeds, MotorSpeeds};
 use crate::terrain::{PlaneTerrain, Terrain};
@@ -130,9 +130,9 @@ pub struct ProcedureDrive<'a> {
 }
 
 const DT_S: f64 = 0.005;
-/// Steps between rows (20 Hz) and between poses (10 Hz), the paper's rates.
-const ROW_STEPS: u64 = 10;
-const POSE_STEPS: u64 = 20;
+/// Time between rows, s, and rows between poses: 20 Hz and 10 Hz, the paper's rates.
+const ROW_S: f64 = 0.05;
+const ROWS_A_POSE: u64 = 2;
 /// A driver's hand, s.
 const DRIVER_LAG_S: f64 = 0.4;
 
@@ -146,34 +146,55 @@ pub fn drive(
     noise: &LogNoise,
     seed: u64,
 ) -> Result<DriveLog, ProcedureError> {
-    let encoder_scale = drive.encoder_scale;
     let mut simulation = Simulation::new(SimulationSetup {
         terrain: drive.terrain,
         motion: drive.motion,
         drive_train: DriveTrainConfig::default(),
         sensors: SensorsConfig::default(),
-        encoder_scale,
+        encoder_scale: drive.encoder_scale,
         start: PlanarPose::default(),
         dt_s: DT_S,
         seed,
     })?;
-    let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let mut rows = vec![noisy_row(
-        simulation.state(),
-        &encoder_scale,
+    drive_plant(
+        &mut simulation,
+        drive.legs,
+        &drive.encoder_scale,
         noise,
-        &mut random,
-    )];
+        seed,
+    )
+}
+
+/// Returns the log of driving `legs` with any vehicle, as [`drive`] does. Its steps must divide the 0.05 s between rows;
+/// `encoder_scale` is what makes its true tread speeds of the measured ones.
+///
+/// # Errors
+/// Why the vehicle could not go on.
+pub fn drive_plant<P: Plant>(
+    plant: &mut P,
+    legs: &[Leg],
+    encoder_scale: &EncoderScale,
+    noise: &LogNoise,
+    seed: u64,
+) -> Result<DriveLog, ProcedureError<P::Error>> {
+    let step_s = plant.step_s();
+    let row_steps = (ROW_S / step_s).round() as u64;
+    let pose_steps = ROWS_A_POSE * row_steps;
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut row = |state: &TrueState| {
+        let has_pose = state.step_index.is_multiple_of(pose_steps);
+        noisy_row(state, has_pose, encoder_scale, noise, &mut random)
+    };
+    let mut rows = vec![row(&plant.state())];
     let mut command = MotorSpeeds::STOP;
-    for leg in drive.legs {
-        for _ in 0..(leg.duration_s / DT_S).round() as u64 {
-            let share = DT_S / DRIVER_LAG_S;
+    for leg in legs {
+        for _ in 0..(leg.duration_s / step_s).round() as u64 {
+            let share = step_s / DRIVER_LAG_S;
             command.traction_m_s += share * (leg.motors.traction_m_s - command.traction_m_s);
             command.steer_m_s += share * (leg.motors.steer_m_s - command.steer_m_s);
-            simulation.set_command(command)?;
-            let state = simulation.step()?;
-            if state.step_index.is_multiple_of(ROW_STEPS) {
-                rows.push(noisy_row(state, &encoder_scale, noise, &mut random));
+            let state = plant.step(command).map_err(ProcedureError::Plant)?;
+            if state.step_index.is_multiple_of(row_steps) {
+                rows.push(row(&state));
             }
         }
     }
@@ -182,6 +203,7 @@ pub fn drive(
 
 fn noisy_row(
     state: &TrueState,
+    has_pose: bool,
     encoder_scale: &EncoderScale,
     noise: &LogNoise,
     random: &mut ChaCha8Rng,
@@ -198,7 +220,7 @@ fn noisy_row(
             roll_rad: state.attitude.roll_rad + noise.attitude_rad * gaussian(),
             pitch_rad: state.attitude.pitch_rad + noise.attitude_rad * gaussian(),
         },
-        pose: state.step_index.is_multiple_of(POSE_STEPS).then(|| Pose {
+        pose: has_pose.then(|| Pose {
             x_m: state.pose.x_m + noise.position_m * gaussian(),
             y_m: state.pose.y_m + noise.position_m * gaussian(),
             z_m: state.pose.z_m + noise.position_m * gaussian(),
@@ -207,13 +229,19 @@ fn noisy_row(
     }
 }
 
-/// Why a simulated log could not be made.
+/// Why a log could not be driven.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum ProcedureError {
-    /// The simulation could not go on.
+pub enum ProcedureError<E = SimulationError> {
+    /// The vehicle could not go on.
     #[error(transparent)]
-    Simulation(#[from] SimulationError),
+    Plant(E),
     /// The drive does not make a valid log.
     #[error(transparent)]
     Log(#[from] LogError),
+}
+
+impl From<SimulationError> for ProcedureError {
+    fn from(error: SimulationError) -> Self {
+        Self::Plant(error)
+    }
 }
