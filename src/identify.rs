@@ -10,7 +10,8 @@ mod report;
 mod verdict;
 
 pub use args::IdentifyArgs;
-pub use logs::by_simulation;
+pub use drives::Drives;
+pub use logs::{Logs, NamedLog, by_simulation};
 
 use crate::config::ConfigFile;
 use crate::console;
@@ -19,9 +20,11 @@ use crate::progress::{self, Notice};
 use crate::simulate::Format;
 use anyhow::{Context, Result};
 use file::commented;
-use found::{Found, Logs, StageResult};
+use found::{Found, StageResult};
 use logs::{recorded, simulated};
-use report::{contact_json, contact_table, extension_table, stage_json, stage_table};
+use report::{
+    contact_json, contact_table, extension_json, extension_table, stage_json, stage_table,
+};
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::identification::{
@@ -44,8 +47,8 @@ pub struct Identified {
 }
 
 impl Identified {
-    /// Returns what was found of the stages and of the contact vehicle, and the verdict, by the keys of
-    /// `identify --format json`.
+    /// Returns what was found of the stages, of the terms beyond ICRIK and of the contact vehicle, and the verdict, by the
+    /// keys of `identify --format json`.
     pub fn json(&self) -> serde_json::Value {
         let stage = |stage: &Option<StageResult>| {
             let stage = stage.as_ref();
@@ -54,6 +57,9 @@ impl Identified {
         serde_json::json!({
             "level": stage(&self.found.level),
             "slope": stage(&self.found.slope),
+            "extension": self.found.extension.as_ref().map(|report| {
+                extension_json(report, self.found.extension_not_used.as_ref())
+            }),
             "contact": self.found.contact.as_ref().map(contact_json),
             "verdict": self.verdict,
         })
@@ -66,26 +72,11 @@ impl Identified {
 }
 
 /// Identifies from logs on level ground and on a slope, in the paper's two stages and the terms beyond ICRIK, and with
-/// `contact` as a vehicle on wheels; `vehicle` is where it begins.
+/// `contact` as a vehicle on wheels; `start` is where it begins.
 ///
 /// # Errors
 /// What the logs lack.
 pub fn of_logs(
-    level: Vec<DriveLog>,
-    slope: Vec<DriveLog>,
-    vehicle: &Vehicle,
-    settings: &IdentificationSettings,
-    contact: bool,
-) -> Result<Identified> {
-    let logs = Logs {
-        level,
-        slope,
-        across: Vec::new(),
-    };
-    identified(&logs, vehicle, settings, contact)
-}
-
-fn identified(
     logs: &Logs,
     start: &Vehicle,
     settings: &IdentificationSettings,
@@ -128,7 +119,10 @@ fn identified(
             };
             match extended.validated() {
                 Ok(extended) => vehicle = extended,
-                Err(reason) => text += &format!("extension: not used: {reason}\n"),
+                Err(reason) => {
+                    text += &format!("extension: not used: {reason}\n");
+                    found.extension_not_used = Some(reason);
+                }
             }
         }
         // The result of the two stages is valid without it.
@@ -201,7 +195,7 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         let contact: ContactVehicle = ConfigFile::read(path)?.parse()?;
         vehicle.contact = Some(contact.geometry_alone());
     }
-    let mut identified = identified(&logs, &vehicle, &settings, args.contact)?;
+    let mut identified = of_logs(&logs, &vehicle, &settings, args.contact)?;
     if let Some(name) = &args.name {
         identified.vehicle.name.clone_from(name);
     }

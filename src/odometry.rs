@@ -93,7 +93,7 @@ pub fn run(args: &OdometryArgs) -> Result<()> {
         bail!("a log and --vehicle FILE are needed");
     };
     let vehicle: Vehicle = ConfigFile::read(vehicle)?.parse()?;
-    let log = LogReader::new(&args.maps)?.read(path)?;
+    let log = LogReader::new(&args.maps)?.read(path, console::complain)?;
     let log_name = path.display().to_string();
     let comparisons = comparisons(&log, &vehicle).with_context(|| log_name.clone())?;
     match args.format {

@@ -94,7 +94,7 @@ pub fn run(args: &RouteArgs) -> Result<()> {
 ///
 /// # Errors
 /// As [`run`].
-pub fn write(args: &RouteArgs, note: impl FnMut(String)) -> Result<WrittenRoute> {
+pub fn write(args: &RouteArgs, mut note: impl FnMut(String)) -> Result<WrittenRoute> {
     let (form, making) = prepare(args)?;
     ensure!(
         args.odometry.is_none() && args.fix.is_none() && args.seconds.is_none(),
@@ -105,7 +105,7 @@ pub fn write(args: &RouteArgs, note: impl FnMut(String)) -> Result<WrittenRoute>
         form,
         &making,
         &args.from.display().to_string(),
-        &recorded(args)?,
+        &recorded(args, &mut note)?,
         note,
     )
 }
@@ -277,8 +277,8 @@ fn live_topic(args: &RouteArgs) -> Result<PositionTopic> {
     }
 }
 
-/// Returns the positions of a recording.
-fn recorded(args: &RouteArgs) -> Result<Positions> {
+/// Returns the positions of a recording; `note` gets what its reader has to say.
+fn recorded(args: &RouteArgs, note: impl FnMut(String)) -> Result<Positions> {
     if is_bag(&args.from) {
         if let Some(columns) = &args.columns {
             bail!(
@@ -306,7 +306,7 @@ fn recorded(args: &RouteArgs) -> Result<Positions> {
         topics: None,
         max_bytes: args.max_bytes,
     })?;
-    let log = reader.read(&args.from)?;
+    let log = reader.read(&args.from, note)?;
     let poses = log.rows().iter().filter_map(|row| row.pose);
     Ok(Positions {
         points_m: poses.map(|pose| [pose.x_m, pose.y_m, pose.z_m]).collect(),

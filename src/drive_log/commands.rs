@@ -5,7 +5,6 @@ use super::interpolation::seconds;
 use super::series::{self, Series};
 use super::topics::{StampSource, TopicMap};
 use crate::bag::{Bag, BagError, RecordedMessage};
-use crate::console;
 use anyhow::{Result, bail, ensure};
 use sidehill_bridge::ros2::conversions::nanoseconds;
 use sidehill_bridge::ros2::message::{Twist, TwistStamped};
@@ -18,7 +17,7 @@ use std::path::Path;
 const TWIST: &str = "geometry_msgs/msg/Twist";
 const TWIST_STAMPED: &str = "geometry_msgs/msg/TwistStamped";
 
-/// Returns the record of a bag, or of a recording of this program.
+/// Returns the record of a bag, or of a recording of this program, and notes about what was left out.
 ///
 /// # Errors
 /// Names the file and the topic or key at fault.
@@ -27,7 +26,7 @@ pub(super) fn record(
     map: Option<&(String, TopicMap)>,
     max_bytes: Option<u64>,
     scale: &EncoderScale,
-) -> Result<DriveRecord> {
+) -> Result<(DriveRecord, Vec<String>)> {
     let bag = Bag::open(path, max_bytes)?;
     let find = |name: &str| {
         bag.topics()
@@ -88,9 +87,8 @@ pub(super) fn record(
     })?;
     commands.sort_by_key(|(time_ns, _)| *time_ns);
     let Series { sources, notes } = series::read(&bag, &chosen)?;
-    for note in bag.notes().iter().chain(&chosen.notes).chain(&notes) {
-        console::complain(format_args!("{}: note: {note}", path.display()));
-    }
+    let all = bag.notes().iter().chain(&chosen.notes).cloned();
+    let notes = all.chain(notes).collect();
     let measured = sources.tread_speeds;
     let begin_ns = measured.first().map_or(0, |(time_ns, _)| *time_ns);
     let timed = |time_ns: i64, speeds| TimedSpeeds {
@@ -98,7 +96,7 @@ pub(super) fn record(
         speeds,
     };
     let measured = measured.into_iter();
-    Ok(DriveRecord {
+    let record = DriveRecord {
         commands: commands
             .into_iter()
             .map(|(ns, speeds)| timed(ns, speeds))
@@ -106,7 +104,8 @@ pub(super) fn record(
         measured: measured
             .map(|(ns, treads)| timed(ns, as_counted(treads)))
             .collect(),
-    })
+    };
+    Ok((record, notes))
 }
 
 fn twist(message: &RecordedMessage<'_>, stamped: bool, time: StampSource) -> Result<(i64, Twist)> {
@@ -122,14 +121,12 @@ fn twist(message: &RecordedMessage<'_>, stamped: bool, time: StampSource) -> Res
 }
 
 /// Returns the record of a recording: what the controller commanded while it was in charge, zero otherwise.
-fn of_recording(path: &Path, scale: &EncoderScale) -> Result<DriveRecord> {
+fn of_recording(path: &Path, scale: &EncoderScale) -> Result<(DriveRecord, Vec<String>)> {
     let recording = Recording::read(path)?;
-    if let Some(reason) = &recording.damaged {
-        console::complain(format_args!(
-            "{}: note: it was interrupted ({reason}); what precedes is used",
-            path.display()
-        ));
-    }
+    let damaged = recording.damaged.iter();
+    let notes = damaged
+        .map(|reason| format!("it was interrupted ({reason}); what precedes is used"))
+        .collect();
     let mut record = DriveRecord::default();
     let mut newest_s = f64::NEG_INFINITY;
     for cycle in &recording.cycles {
@@ -163,5 +160,5 @@ fn of_recording(path: &Path, scale: &EncoderScale) -> Result<DriveRecord> {
         "{}: a command or speed is not finite",
         path.display()
     );
-    Ok(record)
+    Ok((record, notes))
 }

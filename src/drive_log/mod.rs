@@ -23,12 +23,12 @@ pub use topics::{
 };
 
 use crate::config::ConfigFile;
-use crate::console;
 use crate::log_file;
 use anyhow::{Context, Result};
 use sidehill_plant::log::DriveRecord;
 use sidehill_plant::log::{ColumnMap, DriveLog, read_commands};
 use sidehill_plant::speeds::EncoderScale;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Arguments of every command that reads logs: what their columns or topics mean.
@@ -81,62 +81,100 @@ impl LogReader {
         })
     }
 
-    /// Returns the log of a file or bag, and prints warnings about it.
+    /// Returns the log of a file or bag; `note` gets what was left out of it or looks wrong, a line each with its name.
     ///
     /// # Errors
     /// Names the file and row, column, topic or key at fault.
-    pub fn read(&self, path: &Path) -> Result<DriveLog> {
-        let name = || path.display().to_string();
-        let log = self.read_rows(path)?;
-        for note in log.notes() {
-            console::complain(format_args!("{}: note: {note}", name()));
+    pub fn read(&self, path: &Path, mut note: impl FnMut(String)) -> Result<DriveLog> {
+        let name = path.display().to_string();
+        if !crate::bag::is_bag(path) {
+            let source = log_file::open(path, self.max_bytes)?;
+            return self.read_text(&name, source, note);
         }
-        for suspicion in log.suspicions() {
-            console::complain(format_args!("{}: warning: {suspicion}", name()));
+        let (log, notes) = self.read_bag(path)?;
+        for text in &notes {
+            note(format!("{name}: note: {text}"));
         }
+        judge(&name, &log, note);
         Ok(log)
     }
 
-    fn read_rows(&self, path: &Path) -> Result<DriveLog> {
-        if !crate::bag::is_bag(path) {
-            return self.read_csv(path);
-        }
+    /// As [`Self::read`], of a CSV text with a name for messages.
+    ///
+    /// # Errors
+    /// Names the row and column at fault.
+    pub fn read_text(
+        &self,
+        name: &str,
+        csv: impl Read,
+        note: impl FnMut(String),
+    ) -> Result<DriveLog> {
+        let log = DriveLog::read(csv, &self.columns).with_context(|| name.to_owned())?;
+        judge(name, &log, note);
+        Ok(log)
+    }
+
+    /// Returns the log of a bag with notes.
+    fn read_bag(&self, path: &Path) -> Result<(DriveLog, Vec<String>)> {
         if let (None, Some(series)) = (&self.topics, own::read(path)?) {
-            let (log, notes) = rows::rows(&path.display().to_string(), series)?;
-            for note in &notes {
-                console::complain(format_args!("{}: note: {note}", path.display()));
-            }
-            return Ok(log);
+            return rows::rows(&path.display().to_string(), series);
         }
         let bag = crate::bag::Bag::open(path, self.max_bytes)?;
         let chosen = Chosen::of(&bag, self.topics.as_ref())?;
         let (log, notes) = rows::log(&bag, &chosen)?;
-        for note in bag.notes().iter().chain(&chosen.notes).chain(&notes) {
-            console::complain(format_args!("{}: note: {note}", path.display()));
-        }
-        Ok(log)
+        let all = bag.notes().iter().chain(&chosen.notes).cloned();
+        Ok((log, all.chain(notes).collect()))
     }
 
-    /// Returns commands and measured speeds of a file, bag or recording, effective by `scale` where the commands are,
-    /// and prints what was left out.
+    /// Returns commands and measured speeds of a file, bag or recording, effective by `scale` where the commands are;
+    /// `note` gets what was left out, a line each with its name.
     ///
     /// # Errors
     /// Names the file and row, column, topic or key at fault.
-    pub fn read_commands(&self, path: &Path, scale: &EncoderScale) -> Result<DriveRecord> {
-        if crate::bag::is_bag(path) {
-            return commands::record(path, self.topics.as_ref(), self.max_bytes, scale);
+    pub fn read_commands(
+        &self,
+        path: &Path,
+        scale: &EncoderScale,
+        mut note: impl FnMut(String),
+    ) -> Result<DriveRecord> {
+        let name = path.display().to_string();
+        if !crate::bag::is_bag(path) {
+            let source = log_file::open(path, self.max_bytes)?;
+            return self.read_commands_of_text(&name, source, scale, note);
         }
-        let name = || path.display().to_string();
-        let source = log_file::open(path, self.max_bytes)?;
-        let (record, note) = read_commands(source, &self.columns, scale).with_context(name)?;
-        if let Some(note) = note {
-            console::complain(format_args!("{}: note: {note}", name()));
+        let (record, notes) = commands::record(path, self.topics.as_ref(), self.max_bytes, scale)?;
+        for text in &notes {
+            note(format!("{name}: note: {text}"));
         }
         Ok(record)
     }
 
-    fn read_csv(&self, path: &Path) -> Result<DriveLog> {
-        let source = log_file::open(path, self.max_bytes)?;
-        DriveLog::read(source, &self.columns).with_context(|| path.display().to_string())
+    /// As [`Self::read_commands`], of a CSV text with a name for messages.
+    ///
+    /// # Errors
+    /// Names the row and column at fault.
+    pub fn read_commands_of_text(
+        &self,
+        name: &str,
+        csv: impl Read,
+        scale: &EncoderScale,
+        mut note: impl FnMut(String),
+    ) -> Result<DriveRecord> {
+        let (record, text) =
+            read_commands(csv, &self.columns, scale).with_context(|| name.to_owned())?;
+        if let Some(text) = text {
+            note(format!("{name}: note: {text}"));
+        }
+        Ok(record)
+    }
+}
+
+/// Hands on what a log says of itself.
+fn judge(name: &str, log: &DriveLog, mut note: impl FnMut(String)) {
+    for text in log.notes() {
+        note(format!("{name}: note: {text}"));
+    }
+    for suspicion in log.suspicions() {
+        note(format!("{name}: warning: {suspicion}"));
     }
 }

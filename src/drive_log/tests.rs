@@ -77,7 +77,7 @@ fn reader(map: &str) -> LogReader {
 
 fn error(map: &str, messages: &[Recorded]) -> String {
     let (_folder, path) = bag(messages);
-    format!("{:#}", reader(map).read(&path).unwrap_err())
+    format!("{:#}", reader(map).read(&path, drop).unwrap_err())
 }
 
 const JOINTS: &str = "tread_speeds: {kind: joint_states, radius_m: 0.5}\n";
@@ -128,7 +128,7 @@ fn transforms_and_the_mounting_of_the_imu_give_the_pose_and_attitude_of_the_vehi
     }
     let (_folder, path) = bag(&messages);
     let map = format!("{JOINTS}pose: {{kind: tf, frame: map}}");
-    let log = reader(&map).read(&path).unwrap();
+    let log = reader(&map).read(&path, drop).unwrap();
     assert_eq!((log.rows().len(), log.pose_count()), (10, 10));
     let row = log.rows()[9];
     assert!((row.time_s - 0.45).abs() < 1e-12);
@@ -175,7 +175,7 @@ fn fixes_are_projected_to_the_origin_of_the_vehicle() {
     }
     let (_folder, path) = bag(&messages);
     let map = format!("{JOINTS}pose: {{kind: navsat, antenna_forward_m: 0.5, antenna_up_m: 1.5}}");
-    let log = reader(&map).read(&path).unwrap();
+    let log = reader(&map).read(&path, drop).unwrap();
     let pose = log.rows()[9].pose.unwrap();
     // 9e-6 deg of latitude at 36.7 deg north are 0.9989 m; heading 0 is north, and the antenna is ahead.
     assert!(
@@ -270,12 +270,12 @@ fn bags_of_another_program_have_the_rows_of_their_csv() {
     let map = std::fs::read_to_string(repository.join("tests/data/bags/topics.yaml")).unwrap();
     let reader = reader(&map);
     let csv = repository.join("plant/tests/data/drive/warthog_2023/turning.csv");
-    let csv = reader.read(&csv).unwrap();
+    let csv = reader.read(&csv, drop).unwrap();
     for storage in ["mcap", "by_file"] {
         let bag = repository
             .join("tests/data/bags/warthog_2023")
             .join(storage);
-        let log = reader.read(&bag).unwrap();
+        let log = reader.read(&bag, drop).unwrap();
         assert_eq!(log.rows().len(), csv.rows().len());
         let start_s = csv.rows()[0].time_s;
         for (row, expected) in log.rows().iter().zip(csv.rows()) {
@@ -332,13 +332,11 @@ fn commands_of_a_bag_are_twists_and_speeds_at_their_own_times() {
         ]);
         let map = "{tread_speeds: {kind: joint_states, radius_m: 0.1}, attitude: {kind: level}, pose: {kind: none},
                     commands: {topic: /cmd_vel, track_width_m: 0.8}}";
-        reader(map).read_commands(
-            &path,
-            &EncoderScale {
-                left: 1.5,
-                right: 1.5,
-            },
-        )
+        let scale = EncoderScale {
+            left: 1.5,
+            right: 1.5,
+        };
+        reader(map).read_commands(&path, &scale, drop)
     };
     for (command, time_s) in [
         (
@@ -368,7 +366,7 @@ fn commands_of_a_bag_are_twists_and_speeds_at_their_own_times() {
 
 fn log(map: &str, messages: &[Recorded]) -> DriveLog {
     let (_folder, path) = bag(messages);
-    reader(map).read(&path).unwrap()
+    reader(map).read(&path, drop).unwrap()
 }
 
 const STEPS: i64 = 260;

@@ -1,4 +1,4 @@
-//! `sidehill identify --drives`: how the drives respond to commands.
+//! How the drives respond to commands: `sidehill identify --drives`.
 
 use super::args::IdentifyArgs;
 use crate::config::ConfigFile;
@@ -10,8 +10,55 @@ use crate::simulate::Format;
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
 use sidehill_plant::identification::{Finding, MotorResponse, MotorResponses, identify_drives};
+use sidehill_plant::log::DriveRecord;
 use sidehill_plant::vehicle::Vehicle;
 use std::fmt::Write;
+
+/// How the drives respond to commands.
+pub struct Drives(MotorResponses);
+
+impl Drives {
+    /// Identifies the drives from commands and measured speeds.
+    ///
+    /// # Errors
+    /// What the records lack.
+    pub fn of_records(records: &[DriveRecord]) -> Result<Self> {
+        Ok(Self(identify_drives(records)?))
+    }
+
+    /// Returns `drives`, `verdict` and `controller`, the keys of [`Self::conditions`], as `identify --drives --format json`
+    /// prints them.
+    ///
+    /// # Errors
+    /// None but a defect: conditions that are no YAML.
+    pub fn json(&self) -> Result<Value> {
+        let motors = motors(&self.0).map(|(name, motor)| (name.to_owned(), motor_json(motor)));
+        let conditions: Value = serde_yaml::from_str(&self.conditions())?;
+        Ok(json!({
+            "drives": Value::Object(motors.into_iter().collect()),
+            "verdict": verdict(&self.0),
+            "controller": conditions["controller"],
+        }))
+    }
+
+    /// Returns what `identify --drives` prints: a table of each motor, and the verdict.
+    pub fn text(&self) -> String {
+        let mut text = String::new();
+        for (name, motor) in motors(&self.0) {
+            text += &motor.map_or_else(String::new, |motor| table(name, motor));
+        }
+        for line in verdict(&self.0) {
+            text += &line;
+            text.push('\n');
+        }
+        text
+    }
+
+    /// Returns the responses as conditions: the keys of the controller, with comments where they are not known.
+    pub fn conditions(&self) -> String {
+        conditions(&self.0)
+    }
+}
 
 /// Identifies the drives, prints what was found, and writes it as conditions for a controller.
 ///
@@ -27,33 +74,20 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<()> {
     let records = args
         .drives
         .iter()
-        .map(|path| reader.read_commands(path, &vehicle.encoder_scale))
+        .map(|path| reader.read_commands(path, &vehicle.encoder_scale, console::complain))
         .collect::<Result<Vec<_>>>()?;
-    let response = identify_drives(&records).context("--drives")?;
+    let drives = Drives::of_records(&records).context("--drives")?;
     drop(notice);
-    let yaml = conditions(&response);
-    output::write(&args.out, yaml.as_bytes(), args.force)?;
+    output::write(&args.out, drives.conditions().as_bytes(), args.force)?;
     match args.format {
         Format::Table => {
-            let mut text = String::new();
-            for (name, motor) in motors(&response) {
-                text += &motor.map_or_else(String::new, |motor| table(name, motor));
-            }
-            for line in verdict(&response) {
-                text += &line;
-                text.push('\n');
-            }
-            console::text(text);
+            console::text(drives.text());
             console::line(format_args!("written: {}", args.out.display()));
         }
         Format::Json => {
-            let motors =
-                motors(&response).map(|(name, motor)| (name.to_owned(), motor_json(motor)));
-            console::line(json!({
-                "drives": Value::Object(motors.into_iter().collect()),
-                "verdict": verdict(&response),
-                "written": args.out,
-            }));
+            let mut json = drives.json()?;
+            json["written"] = serde_json::to_value(&args.out)?;
+            console::line(json);
         }
     }
     Ok(())
@@ -185,7 +219,6 @@ fn shared(response: &MotorResponses, quantity: fn(&MotorResponse) -> Finding) ->
     (weights > 0.0).then(|| sum / weights)
 }
 
-/// Returns the responses as conditions: the keys of the controller, with comments where they are not known.
 fn conditions(response: &MotorResponses) -> String {
     let mut out =
         "# Identified by: sidehill identify --drives\nname: identified-drives\ncontroller:\n"

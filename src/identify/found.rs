@@ -1,19 +1,11 @@
-//! The logs of an identification, and the results of its stages.
+//! Results of the stages of an identification.
 
 use anyhow::Result;
+use sidehill_plant::bounds::RangeError;
 use sidehill_plant::identification::{
     ContactReport, ExtensionReport, FittedParameter, StageReport,
 };
-use sidehill_plant::log::DriveLog;
 use sidehill_plant::vehicle::Vehicle;
-
-/// Logs of both stages.
-pub(super) struct Logs {
-    pub(super) level: Vec<DriveLog>,
-    pub(super) slope: Vec<DriveLog>,
-    /// Further logs on the slope, for the terms beyond ICRIK.
-    pub(super) across: Vec<DriveLog>,
-}
 
 /// Result of a stage.
 pub(super) struct StageResult {
@@ -34,6 +26,8 @@ pub(super) struct Found {
     pub(super) slope: Option<StageResult>,
     /// Terms beyond ICRIK.
     pub(super) extension: Option<ExtensionReport>,
+    /// Why the vehicle is without the terms that the logs support.
+    pub(super) extension_not_used: Option<RangeError>,
     /// The contact vehicle, with --contact.
     pub(super) contact: Option<ContactReport>,
 }

@@ -133,7 +133,7 @@ fn log_section(number: usize, stage: &str, log: &DriveLog) -> Markup {
 
 #[cfg(test)]
 mod tests {
-    use super::super::found::Logs;
+    use super::super::logs::Logs;
     use super::super::verdict::SlopeVerdict;
     use super::*;
     use sidehill_plant::identification::{
@@ -215,6 +215,7 @@ mod tests {
                     verdict: TermVerdict::NotSupported,
                 }],
             }),
+            extension_not_used: None,
             contact: Some(contact(true, 9)),
         };
         let page = html("j8", &found, "", &[]);

@@ -2,6 +2,7 @@
 
 use super::found::Undetermined;
 use serde_json::{Map, Value, json};
+use sidehill_plant::bounds::RangeError;
 use sidehill_plant::identification::{
     ContactReport, ExtensionReport, FittedParameter, SegmentErrors, StageReport, Verdict,
 };
@@ -98,6 +99,42 @@ pub(super) fn extension_table(report: &ExtensionReport) -> String {
     }
     held_out("extended", &report.extended);
     out
+}
+
+/// Returns the terms beyond ICRIK as JSON; `not_used` is why the vehicle was left without them.
+pub(super) fn extension_json(report: &ExtensionReport, not_used: Option<&RangeError>) -> Value {
+    let terms: Map<_, _> = report
+        .terms
+        .iter()
+        .map(|term| {
+            let mut found = match term.verdict {
+                Verdict::Supported { value, half_width } => {
+                    json!({ "verdict": "supported", "value": value, "half_width_95": half_width })
+                }
+                Verdict::NotToldApart { instead } => {
+                    json!({ "verdict": "not_told_apart", "instead": instead.key() })
+                }
+                Verdict::Negative { value } => json!({ "verdict": "negative", "value": value }),
+                Verdict::OutOfRange { reason } => {
+                    json!({ "verdict": "out_of_range", "reason": reason.to_string() })
+                }
+                Verdict::NotSupported => json!({ "verdict": "not_supported" }),
+            };
+            found["improvement"] = json!(term.improvement);
+            found["improvement_half_width_95"] = json!(term.improvement_half_width);
+            (term.term.key().to_owned(), found)
+        })
+        .collect();
+    json!({
+        "terms": terms,
+        "segments": report.segments,
+        "held_out": {
+            "icrhk": errors_json(&report.icrhk),
+            "icrik": report.icrik.as_ref().map(errors_json),
+            "extended": errors_json(&report.extended),
+        },
+        "not_used": not_used.map(ToString::to_string),
+    })
 }
 
 /// Returns the identified physical parameters as text.
@@ -208,14 +245,6 @@ pub(super) fn stage_json(report: &StageReport, undetermined: &[Undetermined]) ->
 /// reported: `estimates` (by key: `value`, `std`, `half_width_95` in the key's unit), `segments`, `poses`,
 /// `j_over_n` (13), `outlier_share`, `held_out` (RMS errors of segments left out, m and rad), `warnings`.
 fn stage_fields(report: &StageReport) -> Map<String, Value> {
-    let errors = |errors: &SegmentErrors| {
-        json!({
-            "segments": errors.segments,
-            "lateral_m": errors.lateral_m,
-            "longitudinal_m": errors.longitudinal_m,
-            "yaw_rad": errors.yaw_rad,
-        })
-    };
     let found = report.estimates.iter();
     let estimates = found.map(|found| (found.name.to_owned(), estimate_json(found)));
     let warnings = report.warnings.iter().map(ToString::to_string);
@@ -228,8 +257,8 @@ fn stage_fields(report: &StageReport) -> Map<String, Value> {
         (
             "held_out",
             json!({
-                "fitted": errors(&report.cross_validation.fitted),
-                "baseline": errors(&report.cross_validation.baseline),
+                "fitted": errors_json(&report.cross_validation.fitted),
+                "baseline": errors_json(&report.cross_validation.baseline),
             }),
         ),
         ("warnings", warnings.collect()),
@@ -243,5 +272,14 @@ fn estimate_json(estimate: &FittedParameter) -> Value {
         "value": estimate.value,
         "std": estimate.std,
         "half_width_95": estimate.half_width,
+    })
+}
+
+fn errors_json(errors: &SegmentErrors) -> Value {
+    json!({
+        "segments": errors.segments,
+        "lateral_m": errors.lateral_m,
+        "longitudinal_m": errors.longitudinal_m,
+        "yaw_rad": errors.yaw_rad,
     })
 }

@@ -1,7 +1,7 @@
 //! How far to trust an identification: the steepest slope on which to drive with it.
 
-use super::found::{Found, Logs, StageResult};
-use super::logs::LEVEL_DEG;
+use super::found::{Found, StageResult};
+use super::logs::{LEVEL_DEG, Logs};
 use super::report::contact_finding;
 use serde::Serialize;
 use sidehill_plant::identification::{ContactReport, Warning};

@@ -249,6 +249,7 @@ fn drives_are_found_from_a_log_and_from_a_recording_and_conditions_are_written()
         let (_, delay) = written.split_once("command_delay_s: ").unwrap();
         let delay_s: f64 = delay.lines().next().unwrap().parse().unwrap();
         assert!((delay_s - 0.3).abs() < 0.01, "{delay_s}");
+        assert_eq!(found["controller"]["command_delay_s"], delay_s);
         succeed(sidehill().arg("check").arg(at("found.yaml")));
     }
     let mut wrong = sidehill();

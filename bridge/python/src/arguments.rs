@@ -113,16 +113,16 @@ pub fn kind(name: &str, value: &Bound<'_, PyAny>) -> PyResult<ControllerKind> {
         })
 }
 
-/// Returns a seed, where one is given.
-pub fn seed(value: Option<&Bound<'_, PyAny>>) -> PyResult<Option<u64>> {
+/// Returns a whole number, where one is given.
+pub fn whole(name: &str, value: Option<&Bound<'_, PyAny>>) -> PyResult<Option<u64>> {
     let Some(value) = value else { return Ok(None) };
-    let seed = value.extract().map_err(|_| {
+    let number = value.extract().map_err(|_| {
         invalid(format!(
-            "seed: {} is not a whole number from 0 to 2^64 - 1",
+            "{name}: {} is not a whole number from 0 to 2^64 - 1",
             shown(value)
         ))
     })?;
-    Ok(Some(seed))
+    Ok(Some(number))
 }
 
 /// Returns an object of one of this module's classes.

@@ -1,6 +1,6 @@
 //! The controller, one step a control period.
 
-use crate::arguments::{html, kind, number, numbers, object, seed};
+use crate::arguments::{html, kind, number, numbers, object, whole};
 use crate::decision::Decision;
 use crate::errors::{failed, guarded, invalid};
 use crate::extra;
@@ -158,7 +158,7 @@ impl Controller {
                 .map(|vehicle| object::<Vehicle>("vehicle", vehicle))
                 .transpose()?
                 .map(|vehicle| vehicle.get().0.clone()),
-            seed: self::seed(seed)?,
+            seed: whole("seed", seed)?,
             scenario: scenario.clone().unbind(),
         };
         Self::of(py, origin)

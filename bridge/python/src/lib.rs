@@ -47,6 +47,7 @@ fn _sidehill(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(simulate::figures_of_log, module)?)?;
     module.add_function(wrap_pyfunction!(simulation::drive, module)?)?;
     module.add_function(wrap_pyfunction!(logs::identify, module)?)?;
+    module.add_function(wrap_pyfunction!(logs::identify_drives, module)?)?;
     module.add_function(wrap_pyfunction!(logs::odometry, module)?)?;
     module.add_function(wrap_pyfunction!(tune::tune, module)?)?;
     module.add_function(wrap_pyfunction!(recordings::replay, module)?)?;

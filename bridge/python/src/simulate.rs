@@ -1,6 +1,6 @@
 //! A scenario with its controllers, side by side.
 
-use crate::arguments::{from_json, kind, object, seed, shown};
+use crate::arguments::{from_json, kind, object, shown, whole};
 use crate::errors::{failed, guarded, invalid};
 use crate::measured;
 use crate::plant::{Failure, PythonPlant};
@@ -52,7 +52,7 @@ pub fn simulate<'py>(
     let overrides = Overrides {
         path: None,
         plant,
-        seed: self::seed(seed)?,
+        seed: whole("seed", seed)?,
         controllers: kinds.collect(),
         other_vehicle: object.is_some(),
     };

@@ -1,6 +1,6 @@
 //! The simulated vehicle of a scenario, step by step.
 
-use crate::arguments::{html, number, object, seed};
+use crate::arguments::{html, number, object, whole};
 use crate::errors::{failed, guarded, invalid};
 use crate::history::History;
 use crate::measured::Ahead;
@@ -210,7 +210,7 @@ impl Simulation {
         let scenario = object::<Scenario>("scenario", scenario)?;
         let origin = Origin {
             plant: plant.map(plant_kind).transpose()?,
-            seed: self::seed(seed)?,
+            seed: whole("seed", seed)?,
             scenario: scenario.clone().unbind(),
         };
         Self::of(py, origin)

@@ -48,6 +48,8 @@ qp = controller.qp
 if qp is not None:
     gap = qp.P @ qp.x + qp.q + qp.A.T @ qp.y
 sidehill.campaign("campaign.yaml", runs=range(0, 10))
+sidehill.identify(plant=Rover(), vehicle=vehicle, seed=2)
+scenario.with_(controller=sidehill.identify_drives(["run.mcap"], vehicle, topics="topics.yaml")["controller"])
 sidehill.identify(level=["log.csv"], slope=[{"time_s": [0.0]}], vehicle=vehicle, segment_s=8).save("out.yaml")
 """
 

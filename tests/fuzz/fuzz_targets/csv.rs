@@ -18,13 +18,14 @@ target!(|data| {
     let path = SCRATCH.file("fuzz.csv", data);
     check_file(&path);
     for reader in READERS.iter() {
-        let _ = reader.read(&path);
+        let _ = reader.read(&path, drop);
         let _ = reader.read_commands(
             &path,
             &EncoderScale {
                 left: 1.0,
                 right: 1.0,
             },
+            drop,
         );
     }
 });

@@ -19,5 +19,5 @@ target!(|data| {
         data,
     );
     let _ = Bag::open(&path, None).map(|bag| positions(&bag, None));
-    let _ = READER.read(&path);
+    let _ = READER.read(&path, drop);
 });

@@ -19,13 +19,14 @@ target!(|data| {
     let _ = Recording::read(&path);
     let _ = Bag::open(&path, None).map(|bag| positions(&bag, None));
     for reader in READERS.iter() {
-        let _ = reader.read(&path);
+        let _ = reader.read(&path, drop);
         let _ = reader.read_commands(
             &path,
             &EncoderScale {
                 left: 1.0,
                 right: 1.0,
             },
+            drop,
         );
     }
 });

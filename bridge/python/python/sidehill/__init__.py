@@ -10,7 +10,7 @@ from ._campaign import campaign
 from ._icr import icr
 from ._kinds import Kind
 from ._linearise import Linearisation, linearise
-from ._logs import Log, identify, odometry
+from ._logs import Log, identify, identify_drives, odometry
 from ._metrics import metrics
 from ._plant import Plant
 from ._recordings import replay, report, route
@@ -55,6 +55,7 @@ __all__ = [
     "contact_from_geometry",
     "icr",
     "identify",
+    "identify_drives",
     "linearise",
     "metrics",
     "odometry",

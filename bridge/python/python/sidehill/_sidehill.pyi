@@ -17,7 +17,8 @@ _Path = str | os.PathLike[str]
 _Floats = npt.NDArray[np.float64]
 _Numbers = tuple[float, ...] | list[float] | _Floats
 _Array = npt.NDArray[np.floating[Any] | np.integer[Any]]
-_Text = tuple[str, bytes]
+_Given = tuple[str, str | bytes]
+_Maps = tuple[_Path | None, _Path | None, int | None]
 
 @disjoint_base
 class Vehicle:
@@ -131,6 +132,15 @@ class Identification(Vehicle):
     def slope(self) -> dict[str, Any] | None:
         """Report of the slope stage (lambda_1, lambda_2), None without slope logs; as `level`."""
     @property
+    def extension_report(self) -> dict[str, Any] | None:
+        """Report of the terms beyond ICRIK, None where there were too few segments.
+
+        `terms` (by key of the vehicle's `extension`: `verdict`, which is supported, not_told_apart, negative, out_of_range
+        or not_supported, with `value` and `half_width_95`, `instead` or `reason`, and `improvement`, the fall of the
+        held-out misfit as a share of it, with `improvement_half_width_95`), `segments`, `held_out` (RMS errors, m and rad,
+        of `icrhk`, `icrik` and `extended`), `not_used`, why the vehicle is without them, None where it has them.
+        """
+    @property
     def contact_report(self) -> dict[str, Any] | None:
         """Report of the vehicle on wheels, None where it was not asked for.
 
@@ -147,6 +157,9 @@ class Identification(Vehicle):
     @property
     def text(self) -> str:
         """What `sidehill identify` prints: tables of the stages, and the verdict."""
+    @property
+    def notes(self) -> list[str]:
+        """What reading the logs left out, and what in them looks wrong."""
     @property
     def vehicle(self) -> Vehicle:
         """The vehicle without the reports."""
@@ -720,15 +733,18 @@ def tune(
     """Searches settings; `sidehill.tune` documents it."""
 
 def identify(
-    level: list[_Text],
-    slope: list[_Text],
+    level: list[_Given],
+    slope: list[_Given],
+    plant: Plant | None,
+    seed: int,
     vehicle: Vehicle,
     segment_s: float,
     smoothing_s: float,
-    columns: _Path | None,
+    maps: _Maps,
     contact: bool,
 ) -> Identification: ...
-def odometry(log: _Text, vehicle: Vehicle, columns: _Path | None) -> dict[str, Any]: ...
+def identify_drives(logs: list[_Given], vehicle: Vehicle, maps: _Maps) -> dict[str, Any]: ...
+def odometry(log: _Given, vehicle: Vehicle, maps: _Maps) -> dict[str, Any]: ...
 def replay(given: dict[str, Any]) -> dict[str, Any]: ...
 def report(given: dict[str, Any]) -> dict[str, Any]: ...
 def route(given: dict[str, Any]) -> dict[str, Any]: ...
