@@ -29,7 +29,7 @@ impl RosTime {
     }
 
     /// Returns the mapping of a clock that returns ns, and can be set, to a monotonic one that returns seconds.
-    fn of_clocks(
+    pub(crate) fn of_clocks(
         local_s: impl Fn() -> f64 + Send + Sync + 'static,
         system_ns: impl Fn() -> i64 + Send + Sync + 'static,
     ) -> Self {

@@ -2,7 +2,7 @@
 
 use super::fixes::{FixError, FixPoses, FixReading, FixSettings};
 use super::shared_inputs::SharedInputs;
-use super::stamp_clock::{AHEAD_S, SYSTEM_JUMP_S, StampClock};
+use super::stamp_clock::{AHEAD_S, STEP_MAX_S, SYSTEM_JUMP_S, StampClock};
 use crate::node::time::RosTime;
 use nalgebra::{UnitQuaternion, Vector3};
 use ros2_client::Gid;
@@ -567,8 +567,17 @@ impl PortContext {
         if stamp_ns == 0 && !self.time.is_simulated() {
             return Ok(now_s);
         }
+        let stamp_s = self.time.local_s(stamp_ns);
+        if self.time.is_simulated() {
+            // Its publisher has the same clock: a stamp that is ahead says that a message of `/clock` is under way.
+            let ahead_s = stamp_s - now_s;
+            return match ahead_s > STEP_MAX_S {
+                true => Err(Rejection::Ahead { ahead_s }),
+                false => Ok(stamp_s.min(now_s)),
+            };
+        }
         let corrected = clock
-            .correct(publisher, self.time.local_s(stamp_ns), now_s)
+            .correct(publisher, stamp_s, now_s)
             .map_err(|ahead_s| Rejection::Ahead { ahead_s })?;
         if let Some(offset_s) = corrected.changed_to_s {
             let message = format!("{topic}: its stamps are corrected by {offset_s:+.2} s");

@@ -7,7 +7,7 @@ pub(crate) const AHEAD_S: f64 = 0.1;
 /// A step of system time that is a jump, s; a smaller one is followed.
 pub(crate) const SYSTEM_JUMP_S: f64 = 0.5;
 /// Largest step of a publisher's clock that is made up for, s.
-const STEP_MAX_S: f64 = 0.5;
+pub(crate) const STEP_MAX_S: f64 = 0.5;
 
 /// Finds steps of the clock by which the publisher of a topic stamps its messages.
 ///

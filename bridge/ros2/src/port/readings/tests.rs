@@ -193,6 +193,19 @@ fn a_stamp_is_never_later_than_now() {
     assert_eq!(readings.latest().pose.unwrap().time_s, 10.0);
 }
 
+#[test]
+fn a_clock_that_arrives_after_the_messages_ages_none_of_the_next() {
+    let (mut readings, clock) = readings(|_| {});
+    readings.odometry(&odometry(10.4), PUBLISHER);
+    assert_eq!(readings.latest().pose.unwrap().time_s, 10.0);
+    clock.set(10.45);
+    readings.odometry(&odometry(10.44), PUBLISHER);
+    assert_eq!(readings.latest().pose.unwrap().time_s, 10.44);
+    assert!(readings.context.shared.take_notes().is_empty());
+    readings.odometry(&odometry(11.0), PUBLISHER);
+    assert_rejected(&readings, 1, "ahead");
+}
+
 /// Publishes how the IMU is mounted.
 fn mount_imu(readings: &mut NewestReadings, base_from_imu: UnitQuaternion<f64>) {
     let transform = TransformStamped {
@@ -425,6 +438,10 @@ fn a_mounting_on_tf_holds_however_old_it_is() {
 fn a_clock_of_a_publisher_that_is_set_by_less_than_half_a_second_is_followed_and_said() {
     for step_s in [-0.4, 0.4] {
         let (mut readings, clock) = readings(|_| {});
+        let (local, system) = (clock.clone(), clock.clone());
+        let now_s = |clock: &ExternalClock| clock.now_s().unwrap_or_default();
+        readings.context.time =
+            RosTime::of_clocks(move || now_s(&local), move || (1e9 * now_s(&system)) as i64);
         for index in 0..40 {
             let now_s = 10.0 + 0.05 * f64::from(index);
             clock.set(now_s);
