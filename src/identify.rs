@@ -10,7 +10,7 @@ mod report;
 mod verdict;
 
 pub use args::IdentifyArgs;
-pub use drives::Drives;
+pub use drives::IdentifiedDrives;
 pub use logs::{Logs, NamedLog, by_simulation};
 
 use crate::config::ConfigFile;

@@ -15,9 +15,9 @@ use sidehill_plant::vehicle::Vehicle;
 use std::fmt::Write;
 
 /// How the drives respond to commands.
-pub struct Drives(MotorResponses);
+pub struct IdentifiedDrives(MotorResponses);
 
-impl Drives {
+impl IdentifiedDrives {
     /// Identifies the drives from commands and measured speeds.
     ///
     /// # Errors
@@ -76,7 +76,7 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<()> {
         .iter()
         .map(|path| reader.read_commands(path, &vehicle.encoder_scale, console::complain))
         .collect::<Result<Vec<_>>>()?;
-    let drives = Drives::of_records(&records).context("--drives")?;
+    let drives = IdentifiedDrives::of_records(&records).context("--drives")?;
     drop(notice);
     output::write(&args.out, drives.conditions().as_bytes(), args.force)?;
     match args.format {

@@ -8,7 +8,7 @@ use anyhow::Context;
 use pyo3::prelude::*;
 use serde_json::Value;
 use sidehill::drive_log::{LogArgs, LogReader};
-use sidehill::identify::{Drives, Logs, NamedLog, of_logs};
+use sidehill::identify::{IdentifiedDrives, Logs, NamedLog, of_logs};
 use sidehill::odometry::figures;
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::identification::{IdentificationSettings, Segmentation};
@@ -152,7 +152,7 @@ pub fn identify_drives<'py>(
             .map(read)
             .collect::<Result<_, _>>()
             .map_err(failed)?;
-        let drives = Drives::of_records(&records)
+        let drives = IdentifiedDrives::of_records(&records)
             .context("logs")
             .map_err(failed)?;
         let mut found = drives.json().map_err(failed)?;

@@ -214,7 +214,7 @@ enum Refusal {
 }
 
 /// Why a piece cannot be smoothed, and the given points at which it cannot.
-struct Refused {
+struct NotSmoothed {
     error: PathError,
     at: Vec<usize>,
 }
@@ -224,7 +224,7 @@ fn smooth_piece(
     accuracy_m: f64,
     options: &Smoothing,
     refusal: Refusal,
-) -> Result<SmoothPiece, Refused> {
+) -> Result<SmoothPiece, NotSmoothed> {
     let curve = Curve::new(raw, options.spacing_m);
     let mut reach = noise_reach_m(raw, accuracy_m, options) / curve.step_m;
     let mut window_m = options.max_deviation_m;
@@ -312,7 +312,7 @@ fn smooth_piece(
     let error = refused.unwrap_or(PathError::ZeroLength);
     // Where none of the places is a corner, the sharpest one may be.
     beyond.extend(error.sharp_at());
-    Err(Refused { error, at: beyond })
+    Err(NotSmoothed { error, at: beyond })
 }
 
 /// Share of the allowed deviation that smoothing for noise may take.
