@@ -371,8 +371,8 @@ impl<'a> Curve<'a> {
 
     /// Returns whether no raw point is farther than this from its own place on the curve, and so from the curve.
     fn is_within(&self, spline: &Spline, distance_m: f64) -> bool {
-        let points = self.raw.points.iter().zip(&self.places);
-        points.into_iter().all(|((_, position), &place)| {
+        let mut points = self.raw.points.iter().zip(&self.places);
+        points.all(|((_, position), &place)| {
             let there = spline.at(place.min(spline.end())).position;
             there.distance_m(position) <= distance_m
         })

@@ -238,7 +238,7 @@ fn drawn_faults_stop_the_vehicle_until_re_armed_or_it_drives_on() {
         // A fourth of the draws has two at once; short ones are as frequent as long ones.
         for _ in 0..1 + usize::from(share() < 0.25) {
             let (after_s, for_s) = (2.0 + 2.0 * share(), 0.05 * 60_f64.powf(share()));
-            let fault = DRAWN[(share() * 5.999) as usize];
+            let fault = DRAWN[((share() * DRAWN.len() as f64) as usize).min(DRAWN.len() - 1)];
             windows.push((after_s, for_s, fault));
         }
         // What the bus does by itself, now and then.
