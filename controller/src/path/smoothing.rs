@@ -26,10 +26,15 @@ pub struct Smoothed {
     pub arc_lengths_m: Vec<f64>,
 }
 
-/// Factor by which the reach of the smoothing grows where the curvature is too large.
-const GROWTH: f64 = 1.1;
+/// Least and largest factor by which the reach of the smoothing grows in a round where the curvature is too large.
+const GROWTH: (f64, f64) = (1.05, 2.0);
+/// Exponent of the curvature over its bound in that factor. The curvature falls with the power 1 of the reach at a lone
+/// corner and with the power 2.5 where it is noise (see `noise_reach_m`), so that neither is smoothed more than it needs.
+const GROWTH_EXPONENT: f64 = 0.4;
 /// Largest change of the reach from node to node, in nodes.
 const GRADE: f64 = 0.2;
+/// Largest reach, in nodes: its fourth power is still small beside what doubles resolve.
+const REACH_MAX: f64 = 2000.0;
 const ROUNDS: usize = 80;
 /// Beyond this a route holds a stray point: half a day's drive, which takes up to 3 s to smooth.
 const LENGTH_MAX_M: f64 = 2e4;
@@ -77,12 +82,19 @@ pub fn smooth(points: &[RawPoint], options: &Smoothing) -> Result<Smoothed, Path
     to_come.reverse();
     while let Some(piece) = to_come.pop() {
         let direction = piece.direction;
-        let piece = match smooth_piece(&piece, raw.accuracy_m, options, Refusal::Plain) {
+        let piece = match smooth_piece(&piece, raw.accuracy_m, options) {
             Ok(piece) => piece,
             Err(refused) => {
-                let Some(parts) = piece.parted_at_corners(&refused.at, raw.chord_m) else {
-                    let error = refused.error;
-                    return Err(with_remedies(&piece, raw.accuracy_m, options, error));
+                let parted = |at: &[usize]| piece.parted_at_corners(at, raw.chord_m);
+                let parts = match parted(&refused.beyond) {
+                    Some(parts) => parts,
+                    // Where none of the places is a corner, the sharpest one may be.
+                    None => {
+                        let error = refused.error(options);
+                        let sharpest = error.sharp_at().and_then(|at| parted(&[at]));
+                        sharpest
+                            .ok_or_else(|| with_remedies(error, &piece, raw.accuracy_m, options))?
+                    }
                 };
                 to_come.extend(parts.into_iter().rev());
                 continue;
@@ -147,34 +159,33 @@ impl SmoothPiece {
         };
         self.offsets.iter().fold(self.offsets[0], farther)
     }
+}
 
-    /// Returns the indices of the raw points farther from it than this, of those closer than `apart_m` along the path
-    /// the farthest.
-    fn peaks_beyond(&self, distance_m: f64, apart_m: f64) -> Vec<usize> {
-        let mut peaks: Vec<&Offset> = Vec::new();
-        let beyond = |offset: &&Offset| offset.distance_m > distance_m;
-        for offset in self.offsets.iter().filter(beyond) {
-            match peaks.last_mut() {
-                Some(last) if offset.arc_length_m - last.arc_length_m < apart_m => {
-                    if offset.distance_m > last.distance_m {
-                        *last = offset;
-                    }
+/// Returns the indices of the farthest of these raw points, of those closer to each other than `apart_m` along the
+/// piece one.
+fn peaks(offsets: &[Offset], apart_m: f64) -> Vec<usize> {
+    let mut peaks: Vec<&Offset> = Vec::new();
+    for offset in offsets {
+        match peaks.last_mut() {
+            Some(last) if offset.arc_length_m - last.arc_length_m < apart_m => {
+                if offset.distance_m > last.distance_m {
+                    *last = offset;
                 }
-                _ => peaks.push(offset),
             }
+            _ => peaks.push(offset),
         }
-        peaks.into_iter().map(|offset| offset.index).collect()
     }
+    peaks.into_iter().map(|offset| offset.index).collect()
 }
 
 /// Returns the error of a piece that cannot be smoothed with what would do.
 fn with_remedies(
+    mut error: PathError,
     raw: &RawPiece,
     accuracy_m: f64,
     options: &Smoothing,
-    error: PathError,
 ) -> PathError {
-    /// Factor between the limits that are tried, and their number.
+    /// Factor between the curvatures that are tried, and their number.
     const STEP: f64 = 1.2;
     const STEPS: i32 = 12;
     /// Longer pieces take too long to try, m.
@@ -182,137 +193,118 @@ fn with_remedies(
     if raw.length_m() > LENGTH_MAX_M {
         return error;
     }
-    let mut error = match smooth_piece(raw, accuracy_m, options, Refusal::WithRemedy) {
-        Ok(_) => error,
-        Err(refused) => refused.error,
-    };
-    if let PathError::TooSharp {
-        curvature_per_m,
-        curvature_needed_per_m,
-        ..
-    } = &mut error
-    {
-        *curvature_needed_per_m = (0..STEPS)
-            .map(|step| (100.0 * *curvature_per_m * STEP.powi(step)).ceil() / 100.0)
-            .find(|&max_curvature_per_m| {
-                let would_do = Smoothing {
-                    max_curvature_per_m,
-                    ..*options
-                };
-                smooth_piece(raw, accuracy_m, &would_do, Refusal::Plain).is_ok()
-            });
+    let deviation_would_do_m = || deviation_needed_m(raw, accuracy_m, options);
+    match &mut error {
+        PathError::TooSharp {
+            curvature_per_m,
+            deviation_needed_m,
+            curvature_needed_per_m,
+            ..
+        } => {
+            *deviation_needed_m = deviation_would_do_m();
+            *curvature_needed_per_m = (0..STEPS)
+                .map(|step| (100.0 * *curvature_per_m * STEP.powi(step)).ceil() / 100.0)
+                .find(|&max_curvature_per_m| {
+                    let would_do = Smoothing {
+                        max_curvature_per_m,
+                        ..*options
+                    };
+                    smooth_piece(raw, accuracy_m, &would_do).is_ok()
+                });
+        }
+        PathError::TooFar {
+            deviation_needed_m, ..
+        } => *deviation_needed_m = deviation_would_do_m(),
+        _ => {}
     }
     error
 }
 
-/// What is said of a piece that cannot be smoothed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Refusal {
-    Plain,
-    /// With the deviation that would do, which takes longer to find.
-    WithRemedy,
+/// Returns the deviation with which a piece keeps its largest curvature, m.
+fn deviation_needed_m(raw: &RawPiece, accuracy_m: f64, options: &Smoothing) -> Option<f64> {
+    let curve = Curve::new(raw, options.spacing_m);
+    let mut reaches = curve.reaches_for_noise(accuracy_m, options);
+    let mut window_m = options.max_deviation_m;
+    for _ in 0..ROUNDS {
+        let spline = curve.spline(&reaches);
+        let piece = curve.sampled(&spline, window_m);
+        let farthest_m = piece.farthest().distance_m;
+        if sharpest(&piece).1 <= options.max_curvature_per_m {
+            return Some(farthest_m);
+        }
+        window_m = window_m.max(2.0 * farthest_m);
+        widen(
+            &mut reaches,
+            &sharp_nodes(&spline, options.max_curvature_per_m).excess,
+        );
+    }
+    None
 }
 
-/// Why a piece cannot be smoothed, and the given points at which it cannot.
-struct NotSmoothed {
-    error: PathError,
-    at: Vec<usize>,
+/// A piece that cannot be smoothed.
+struct NotSmoothed<'a> {
+    curve: Curve<'a>,
+    /// The last curve within the deviation, or the first one where none is.
+    last: Spline,
+    /// The given points at which the next one is not.
+    beyond: Vec<usize>,
 }
 
-fn smooth_piece(
-    raw: &RawPiece,
+impl NotSmoothed<'_> {
+    fn error(&self, options: &Smoothing) -> PathError {
+        let piece = self.curve.sampled(&self.last, options.max_deviation_m);
+        let (worst, curvature_per_m) = sharpest(&piece);
+        if curvature_per_m > options.max_curvature_per_m {
+            return sharp_error(&piece, worst, curvature_per_m, options);
+        }
+        let farthest = piece.farthest();
+        PathError::TooFar {
+            index: farthest.index,
+            position: farthest.position,
+            distance_m: farthest.distance_m,
+            deviation_m: options.max_deviation_m,
+            deviation_needed_m: None,
+        }
+    }
+}
+
+fn smooth_piece<'a>(
+    raw: &'a RawPiece,
     accuracy_m: f64,
     options: &Smoothing,
-    refusal: Refusal,
-) -> Result<SmoothPiece, NotSmoothed> {
+) -> Result<SmoothPiece, Box<NotSmoothed<'a>>> {
     let curve = Curve::new(raw, options.spacing_m);
-    let mut reach = noise_reach_m(raw, accuracy_m, options) / curve.step_m;
-    let mut window_m = options.max_deviation_m;
-    // Fourth roots of lambda: over how many nodes the smoothing reaches.
-    let mut reaches = vec![reach.max(1.0); curve.nodes.len()];
-    // As much as the noise asks for, unless bends ask for less.
-    while reach > 1.0 {
-        let within_m = NOISE_SHARE * options.max_deviation_m;
-        let spline = curve.spline(&reaches);
-        if curve.is_within(&spline, within_m)
-            || curve.sampled(&spline, window_m).farthest().distance_m <= within_m
-        {
-            break;
-        }
-        reach /= NOISE_STEP;
-        reaches.fill(reach.max(1.0));
-    }
-    let mut refused: Option<PathError> = None;
-    // Of the last round that was within the deviation, unless `refused` is.
+    let mut reaches = curve.reaches_for_noise(accuracy_m, options);
     let mut within: Option<Spline> = None;
-    let mut beyond: Vec<usize> = Vec::new();
-    for round in 1..=ROUNDS {
+    for _ in 0..ROUNDS {
         let spline = curve.spline(&reaches);
         let sharp = sharp_nodes(&spline, options.max_curvature_per_m);
-        // Neither the end nor a refusal, which is known without its samples.
-        let goes_on = sharp.surely && curve.is_within(&spline, options.max_deviation_m);
-        if goes_on && beyond.is_empty() && round < ROUNDS {
-            widen(&mut reaches, &sharp.nodes);
-            (refused, within) = (None, Some(spline));
-            continue;
-        }
-        let piece = curve.sampled(&spline, window_m);
-        let (worst, curvature_per_m) = sharpest(&piece);
-        let farthest = piece.farthest();
-        let bends_enough = curvature_per_m <= options.max_curvature_per_m;
-        if farthest.distance_m <= options.max_deviation_m && beyond.is_empty() {
-            if bends_enough {
+        let mut beyond = curve.beyond(&spline, options.max_deviation_m);
+        if beyond.is_empty() && !sharp.too_sharp {
+            let piece = curve.sampled(&spline, options.max_deviation_m);
+            let farthest = piece.farthest();
+            if farthest.distance_m > options.max_deviation_m {
+                beyond.push(farthest);
+            } else if sharpest(&piece).1 <= options.max_curvature_per_m {
                 return Ok(piece);
             }
-            refused = Some(sharp_error(&piece, worst, curvature_per_m, options));
-            within = None;
-        } else {
-            // Not within the deviation; which one would do?
-            if beyond.is_empty() {
-                beyond = piece
-                    .peaks_beyond(options.max_deviation_m, APART / options.max_curvature_per_m);
-            }
-            if let Some(spline) = within.take() {
-                let piece = curve.sampled(&spline, window_m);
-                let (worst, curvature_per_m) = sharpest(&piece);
-                refused = Some(sharp_error(&piece, worst, curvature_per_m, options));
-            }
-            window_m = window_m.max(2.0 * farthest.distance_m);
-            let error = refused.get_or_insert_with(|| match bends_enough {
-                true => PathError::TooFar {
-                    index: farthest.index,
-                    position: farthest.position,
-                    distance_m: farthest.distance_m,
-                    deviation_m: options.max_deviation_m,
-                    deviation_needed_m: None,
-                },
-                false => sharp_error(&piece, worst, curvature_per_m, options),
-            });
-            if let (
-                true,
-                PathError::TooSharp {
-                    deviation_needed_m, ..
-                }
-                | PathError::TooFar {
-                    deviation_needed_m, ..
-                },
-            ) = (bends_enough, &mut *error)
-            {
-                *deviation_needed_m = Some(farthest.distance_m);
-            }
-            if bends_enough
-                || refusal == Refusal::Plain
-                || matches!(error, PathError::TurnsBack { .. })
-            {
-                break;
-            }
         }
-        widen(&mut reaches, &sharp.nodes);
+        if !beyond.is_empty() {
+            return Err(Box::new(NotSmoothed {
+                last: within.unwrap_or(spline),
+                beyond: peaks(&beyond, APART / options.max_curvature_per_m),
+                curve,
+            }));
+        }
+        widen(&mut reaches, &sharp.excess);
+        within = Some(spline);
     }
-    let error = refused.unwrap_or(PathError::ZeroLength);
-    // Where none of the places is a corner, the sharpest one may be.
-    beyond.extend(error.sharp_at());
-    Err(NotSmoothed { error, at: beyond })
+    let last = within.unwrap_or_else(|| curve.spline(&reaches));
+    Err(Box::new(NotSmoothed {
+        curve,
+        last,
+        beyond: Vec::new(),
+    }))
 }
 
 /// Share of the allowed deviation that smoothing for noise may take.
@@ -369,13 +361,32 @@ impl<'a> Curve<'a> {
         Spline::through(nodes, start.map(slope), end.map(slope))
     }
 
-    /// Returns whether no raw point is farther than this from its own place on the curve, and so from the curve.
-    fn is_within(&self, spline: &Spline, distance_m: f64) -> bool {
-        let mut points = self.raw.points.iter().zip(&self.places);
-        points.all(|((_, position), &place)| {
-            let there = spline.at(place.min(spline.end())).position;
-            there.distance_m(position) <= distance_m
-        })
+    /// Returns the fourth roots of lambda, over how many nodes the smoothing reaches: as much as the noise asks for,
+    /// unless bends ask for less.
+    fn reaches_for_noise(&self, accuracy_m: f64, options: &Smoothing) -> Vec<f64> {
+        let within_m = NOISE_SHARE * options.max_deviation_m;
+        let mut reach = noise_reach_m(self.raw, accuracy_m, options) / self.step_m;
+        loop {
+            let reaches = vec![reach.max(1.0); self.nodes.len()];
+            if reach <= 1.0 || self.beyond(&self.spline(&reaches), within_m).is_empty() {
+                return reaches;
+            }
+            reach /= NOISE_STEP;
+        }
+    }
+
+    /// Returns the raw points farther than this from the curve, seen from their own places on it, with their places along
+    /// the polyline.
+    fn beyond(&self, spline: &Spline, distance_m: f64) -> Vec<Offset> {
+        let points = self.raw.points.iter().zip(&self.places);
+        let offset = |(&(index, position), &place): (&(usize, Point2), &f64)| Offset {
+            index,
+            position,
+            arc_length_m: place * self.step_m,
+            distance_m: spline.distance_m(&position, place, distance_m),
+        };
+        let beyond = |offset: &Offset| offset.distance_m > distance_m;
+        points.map(offset).filter(beyond).collect()
     }
 
     fn sampled(&self, spline: &Spline, window_m: f64) -> SmoothPiece {
@@ -391,9 +402,10 @@ impl<'a> Curve<'a> {
 
 /// Nodes around which a curve bends more than the smoothing aims at.
 struct SharpNodes {
-    nodes: Vec<bool>,
-    /// Whether it bends so much that any samples of it do.
-    surely: bool,
+    /// For each node how many times as much it bends around it, infinite where it turns back; 1 where it is not sharp.
+    excess: Vec<f64>,
+    /// Whether it bends more than it may.
+    too_sharp: bool,
 }
 
 /// Finds them by the curvature at the node, or on average over a part of the way to the next one, where the curve may
@@ -401,46 +413,57 @@ struct SharpNodes {
 fn sharp_nodes(spline: &Spline, max_curvature_per_m: f64) -> SharpNodes {
     /// Parts of the way to the next node.
     const PARTS: u8 = 4;
-    /// Curvature, of the largest one, that samples between nodes cannot miss.
-    const SURELY: f64 = 1.2;
     let limit = MARGIN * max_curvature_per_m;
     let mut sharp = SharpNodes {
-        nodes: vec![false; spline.end() as usize + 1],
-        surely: false,
+        excess: vec![1.0; spline.end() as usize + 1],
+        too_sharp: false,
     };
-    let mut found = |nodes: &[usize], curvature_per_m: f64| {
-        if curvature_per_m.is_nan() || curvature_per_m > limit {
-            nodes.iter().for_each(|&node| sharp.nodes[node] = true);
-            sharp.surely |= curvature_per_m > SURELY * max_curvature_per_m;
+    let mut is_sharp = |nodes: &[usize], curvature_per_m: f64| {
+        if curvature_per_m <= limit {
+            return false;
         }
+        let excess = match curvature_per_m.is_nan() {
+            true => f64::INFINITY,
+            false => curvature_per_m / limit,
+        };
+        for &node in nodes {
+            sharp.excess[node] = sharp.excess[node].max(excess);
+        }
+        sharp.too_sharp |= excess > 1.0 / MARGIN;
+        true
     };
     for i in 0..spline.end() as usize {
         if spline.curvature_bound_per_m(i) <= limit {
             continue;
         }
         let point = |part: u8| spline.at(i as f64 + f64::from(part) / f64::from(PARTS));
-        let mut a = point(0);
-        found(&[i], a.curvature_per_m().abs());
+        let ends = [(i, point(0)), (i + 1, point(PARTS))];
+        let sharp_ends = ends.map(|(node, at)| is_sharp(&[node], at.curvature_per_m().abs()));
+        if sharp_ends.contains(&true) {
+            continue;
+        }
+        let mut a = ends[0].1;
         for part in 1..=PARTS {
             let b = point(part);
             let [[ax, ay], [bx, by]] = [a.tangent, b.tangent];
             let turned_rad = (ax * by - ay * bx).atan2(ax * bx + ay * by);
-            found(
+            is_sharp(
                 &[i, i + 1],
                 turned_rad.abs() / a.position.distance_m(&b.position),
             );
             a = b;
         }
-        found(&[i + 1], a.curvature_per_m().abs());
     }
     sharp
 }
 
 /// Lengthens the reach of the smoothing at sharp nodes, and around them so that the reach changes gradually: curvature
 /// would gather where it drops.
-fn widen(reaches: &mut [f64], sharp: &[bool]) {
-    for (reach, _) in reaches.iter_mut().zip(sharp).filter(|(_, sharp)| **sharp) {
-        *reach *= GROWTH;
+fn widen(reaches: &mut [f64], excess: &[f64]) {
+    let reached = reaches.iter_mut().zip(excess);
+    for (reach, excess) in reached.filter(|(_, excess)| **excess > 1.0) {
+        *reach *= excess.powf(GROWTH_EXPONENT).clamp(GROWTH.0, GROWTH.1);
+        *reach = reach.min(REACH_MAX);
     }
     for i in 1..reaches.len() {
         reaches[i] = reaches[i].max(reaches[i - 1] - GRADE);
@@ -627,13 +650,13 @@ mod tests {
             arc_length_m: index as f64,
             distance_m,
         };
-        let piece = SmoothPiece {
-            length_m: 7.0,
-            samples: Vec::new(),
-            offsets: distances_m.iter().enumerate().map(offset).collect(),
-        };
-        assert_eq!(piece.peaks_beyond(0.15, 0.5), [1, 2, 3, 5, 7]);
-        assert_eq!(piece.peaks_beyond(0.15, 2.5), [3, 7]);
-        assert!(piece.peaks_beyond(0.6, 1.0).is_empty());
+        let offsets: Vec<Offset> = distances_m.iter().enumerate().map(offset).collect();
+        let beyond: Vec<Offset> = offsets
+            .into_iter()
+            .filter(|o| o.distance_m > 0.15)
+            .collect();
+        assert_eq!(peaks(&beyond, 0.5), [1, 2, 3, 5, 7]);
+        assert_eq!(peaks(&beyond, 2.5), [3, 7]);
+        assert!(peaks(&[], 1.0).is_empty());
     }
 }

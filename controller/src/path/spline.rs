@@ -121,6 +121,29 @@ impl Spline {
         }
     }
 
+    /// Returns the distance of a point from the curve, m, where it is nearest around a parameter; the search ends where it
+    /// is not farther than `near_m`.
+    pub(super) fn distance_m(&self, point: &Point2, parameter: f64, near_m: f64) -> f64 {
+        const STEPS: usize = 8;
+        /// Smallest step of the parameter.
+        const STEP_MIN: f64 = 1e-3;
+        let mut parameter = parameter.min(self.end());
+        let mut nearest_m = f64::INFINITY;
+        for _ in 0..STEPS {
+            let here = self.at(parameter);
+            nearest_m = nearest_m.min(here.position.distance_m(point));
+            let off = [point.x_m - here.position.x_m, point.y_m - here.position.y_m];
+            let [x, y] = here.tangent;
+            // Not a number where the curve stands still.
+            let step = (off[0] * x + off[1] * y) / (x * x + y * y);
+            if nearest_m <= near_m || step.is_nan() || step.abs() <= STEP_MIN {
+                break;
+            }
+            parameter = (parameter + step).clamp(0.0, self.end());
+        }
+        nearest_m
+    }
+
     /// Returns the curve at a parameter.
     pub(super) fn at(&self, parameter: f64) -> CurvePoint {
         let index = (parameter.max(0.0) as usize).min(self.nodes.len() - 2);
