@@ -70,7 +70,9 @@ impl McapState<'_> {
     fn damaged(&self, reason: impl std::fmt::Display) -> BagError {
         BagError::Content {
             file: self.name.to_owned(),
-            reason: format!("damaged: {reason}"),
+            reason: format!(
+                "damaged: {reason}; `mcap recover FILE --output MENDED` writes what can still be read"
+            ),
         }
     }
 

@@ -7,6 +7,7 @@ use sidehill_bridge::ros2::message::NavSatFix;
 use sidehill_controller::path::GeodeticOrigin;
 use sidehill_plant::frames::{Pose, paper_attitude};
 use sidehill_plant::statistics::median;
+use std::f64::consts::{FRAC_PI_2, PI};
 
 /// A fix with a position.
 #[derive(Debug, Clone, Copy)]
@@ -207,10 +208,30 @@ impl Fixes {
             notes.push("fixes have no altitude: heights are unknown and count as 0".to_owned());
         }
         let points = self.positions_m();
+        notes.extend(self.radians(&points));
         let times = self.fixes.iter().map(|(time_ns, _)| *time_ns);
         let placed: Timed<[f64; 3]> = times.zip(points).collect();
         notes.extend(gap(&placed)?);
         Ok(notes)
+    }
+
+    /// Returns a note where the numbers are those of radians, which as degrees are places in the Gulf of Guinea.
+    fn radians(&self, positions_m: &[[f64; 3]]) -> Option<String> {
+        /// Larger drives in radians are of 3 km and more, m.
+        const REACH_MAX_M: f64 = 50.0;
+        /// Nearer to 0, 0 a simulator may be, deg.
+        const FROM_ZERO_DEG: f64 = 0.01;
+        let origin = self.origin()?;
+        let (latitude, longitude) = (origin.latitude_deg, origin.longitude_deg);
+        let is_angle = latitude.abs() <= FRAC_PI_2 && longitude.abs() <= PI;
+        let reach_m = positions_m.iter().map(|[x_m, y_m, _]| x_m.hypot(*y_m));
+        let reach_m = reach_m.fold(0.0, f64::max);
+        (is_angle && latitude.hypot(longitude) > FROM_ZERO_DEG && reach_m < REACH_MAX_M).then(|| {
+            format!(
+                "all fixes are within {reach_m:.2} m of latitude {latitude:.6}, longitude {longitude:.6}, at sea: are they in \
+                 radians? NavSatFix has degrees"
+            )
+        })
     }
 
     /// Returns poses of the vehicle's origin at fixes during which its orientation is known.
@@ -249,6 +270,31 @@ impl Fixes {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use sidehill_bridge::ros2::message::NavSatFix;
+
+    #[test]
+    fn radians_are_recognised_and_a_simulator_at_zero_is_none() {
+        let notes = |unit: f64, latitude: f64, longitude: f64| {
+            let mut fixes = Fixes::default();
+            for i in 0..100 {
+                let fix = NavSatFix {
+                    latitude: unit * (latitude + 1e-6 * f64::from(i)),
+                    longitude: unit * longitude,
+                    altitude: 10.0,
+                    ..NavSatFix::default()
+                };
+                fixes.take(Ok(i64::from(i) * 100_000_000), &fix).unwrap();
+            }
+            fixes.notes().unwrap().join("; ")
+        };
+        let in_radians = notes(1_f64.to_radians(), 36.717, -4.489);
+        assert!(
+            in_radians.starts_with("all fixes are within 0.19 m of latitude 0.640833"),
+            "{in_radians}"
+        );
+        assert_eq!(notes(1.0, 36.717, -4.489), "");
+        assert_eq!(notes(1.0, 1e-6, 0.0), "");
+    }
 
     #[test]
     fn two_publishers_of_one_topic_are_refused_and_noise_is_not() {

@@ -2,6 +2,7 @@
 
 mod columns;
 mod commands;
+mod frozen;
 mod plausibility;
 mod read;
 pub mod sources;

@@ -1,6 +1,6 @@
 //! Mistakes of units, sides and frames that can be seen in a log alone.
 
-use super::{DriveLog, LogRow};
+use super::{DriveLog, LogRow, frozen};
 use crate::frames::wrap_angle;
 use crate::statistics::median;
 
@@ -35,6 +35,34 @@ pub enum Suspicion {
         duration_s: f64,
         /// Time of the log behind it, s.
         time_s: f64,
+    },
+    /// The poses stay the same to the bit while the treads turn.
+    #[error(
+        "the poses are the same from {from_s:.1} to {to_s:.1} s while the treads travel {treads_m:.1} m: \
+         did localisation stop there? Cut the log there"
+    )]
+    PosesFrozen {
+        /// Time of the log of the first of these poses, s.
+        from_s: f64,
+        /// Time of the last, s.
+        to_s: f64,
+        /// Way of the treads in that time, m.
+        treads_m: f64,
+    },
+    /// The speeds of both treads stay the same to the bit while the vehicle gets slower or faster.
+    #[error(
+        "the tread speeds are the same from {from_s:.1} to {to_s:.1} s while the vehicle drives at {slowest_m_s:.2} to \
+         {fastest_m_s:.2} m/s by its poses: did the encoders or their driver stop there? Cut the log there"
+    )]
+    SpeedsFrozen {
+        /// Time of the log of the first of these speeds, s.
+        from_s: f64,
+        /// Time of the last, s.
+        to_s: f64,
+        /// Least speed by the poses, m/s.
+        slowest_m_s: f64,
+        /// Largest speed by the poses, m/s.
+        fastest_m_s: f64,
     },
     /// The treads stand where the vehicle drives.
     #[error(
@@ -184,9 +212,10 @@ impl DriveLog {
         if angle_rad > ATTITUDE_MAX_RAD {
             found.push(Suspicion::AttitudeUnit { angle_rad });
         }
-        if let Some(jumps) = jumps(self.rows()) {
+        let frozen = frozen::poses(self.rows()).or_else(|| frozen::speeds(self.rows()));
+        if let Some(broken) = frozen.or_else(|| jumps(self.rows())) {
             // Other verdicts on the treads would follow from it.
-            found.push(jumps);
+            found.push(broken);
             return found;
         }
         let stretches = stretches(self.rows());
@@ -413,6 +442,7 @@ mod tests {
     use super::*;
     use crate::frames::{Attitude, Pose};
     use crate::speeds::MeasuredTreadSpeeds;
+    use std::cell::Cell;
 
     /// A drive at 20 Hz in wide arcs and straights, made by `change` into what is to be found.
     fn log(change: impl Fn(&mut LogRow)) -> Vec<Suspicion> {
@@ -446,6 +476,45 @@ mod tests {
     fn a_good_log_raises_none() {
         assert_eq!(log(|_| {}), []);
         assert_eq!(log(|row| row.pose = None), []);
+    }
+
+    #[test]
+    fn readings_that_freeze_are_told_with_their_time() {
+        let says = |found: Vec<Suspicion>, words: &str| {
+            assert_eq!(found.len(), 1, "{found:?}");
+            assert!(found[0].to_string().starts_with(words), "{}", found[0]);
+        };
+        let freezes = |row: &LogRow| (30.0..40.0).contains(&row.time_s);
+        let last_pose = Cell::new(None);
+        let poses = |row: &mut LogRow| {
+            if freezes(row) {
+                row.pose = last_pose.get();
+            }
+            last_pose.set(row.pose);
+        };
+        says(
+            log(poses),
+            "the poses are the same from 30.0 to 40.0 s while the treads travel 6.0 m",
+        );
+        // The vehicle stops at 33 s, and its poses are noisy.
+        let (last_speeds, stop) = (Cell::new(None), Cell::new(None));
+        let speeds = |row: &mut LogRow| {
+            let stands = (33.0..40.0).contains(&row.time_s);
+            let here = if stands { stop.get() } else { row.pose };
+            stop.set(here);
+            row.pose = here.map(|pose| Pose {
+                x_m: pose.x_m + 1e-3 * (100.0 * row.time_s).sin(),
+                ..pose
+            });
+            if freezes(row) {
+                row.speeds = last_speeds.get().unwrap();
+            }
+            last_speeds.set(Some(row.speeds));
+        };
+        says(
+            log(speeds),
+            "the tread speeds are the same from 20.0 to 50.0 s while the vehicle drives at 0.00 to",
+        );
     }
 
     #[test]
