@@ -8,6 +8,7 @@ use crate::history::History;
 use crate::qp::Qp;
 use crate::scenario::Scenario;
 use crate::vehicle::Vehicle;
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -262,6 +263,25 @@ impl Controller {
     fn qp(&self) -> PyResult<Option<Qp>> {
         let state = self.state()?;
         Ok(state.law.mpc().filter(|_| state.solved).map(Qp::of))
+    }
+
+    /// Covariance of what is learned, after the last step: for contact-mpc of the parameters of Estimate.learned, in their
+    /// order, else of Estimate.slip_gains, row by row. The stub has units. None before the first readings, and of a
+    /// controller that learns nothing.
+    #[getter]
+    fn learned_covariance<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
+        let state = self.state()?;
+        let Some(covariance) = state.law.learned_covariance() else {
+            return Ok(None);
+        };
+        // Symmetric: rows and columns are alike.
+        let array = PyArray1::from_slice(py, covariance.as_slice());
+        array
+            .reshape([covariance.nrows(), covariance.ncols()])
+            .map(Some)
     }
 
     /// Name of the controller.

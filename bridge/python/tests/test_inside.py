@@ -200,7 +200,16 @@ def test_what_is_learned_is_that_of_the_log(short: sidehill.Scenario) -> None:
     assert {f"learned_{key}" for key in learned} <= run.log.keys() and (decision.estimate.slip_gains == 0).all()
     for value, low, high in learned.values():
         assert low <= value <= high
+    covariance = controller.learned_covariance
+    assert covariance is not None and covariance.shape == (len(learned), len(learned))
+    np.testing.assert_array_equal(covariance, covariance.T)
+    assert np.linalg.eigvalsh(covariance).min() > -1e-12
+    sigmas = dict(zip(learned, np.sqrt(np.diag(covariance)), strict=True))
+    for key, ends in {"centre_of_mass_right_m": learned, "friction": {k: tuple(np.log(v)) for k, v in learned.items()}}.items():
+        _, low, high = ends[key]
+        np.testing.assert_allclose((high - low) / 2 / 1.96, sigmas[key], rtol=1e-2)
     icrik = sidehill.Controller(short)
+    assert icrik.learned_covariance is None
     for _ in range(40):
         cycle(simulation, icrik)
     decision = icrik.step(simulation.time_s, **readings(simulation))
@@ -208,6 +217,9 @@ def test_what_is_learned_is_that_of_the_log(short: sidehill.Scenario) -> None:
         decision.estimate is not None and decision.estimate.learned is None and decision.estimate.slip_gains.shape == (3, 5)
     )
     assert (decision.estimate.slip_gains != 0).any()
+    covariance = icrik.learned_covariance
+    assert covariance is not None and covariance.shape == (15, 15) and (np.diag(covariance) > 0).all()
+    assert sidehill.Controller(short, "diffdrive-mpc").learned_covariance is None
 
 
 def test_the_stages_are_the_model_about_the_plan(short: sidehill.Scenario, j8: sidehill.Vehicle) -> None:

@@ -5,7 +5,7 @@ use crate::estimator::{Estimate, LearnedGains, SLIP_SMOOTHING_M_S};
 use crate::memory::{CELLS, Learned, RecallError, Step};
 use crate::path::Point2;
 use crate::reference::PROJECTION_WINDOW;
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{DMatrix, Rotation3, Vector3};
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::sample::Sample;
 use sidehill_plant::slip_gains::Terms;
@@ -19,6 +19,14 @@ impl Controller {
             learned.gains = None;
         }
         Some(learned)
+    }
+
+    /// Returns the covariance of what is learned while driving, as
+    /// [`Estimator::learned_covariance`](crate::estimator::Estimator::learned_covariance) has it; none where nothing is
+    /// learned.
+    pub fn learned_covariance(&self) -> Option<DMatrix<f64>> {
+        let covariance = self.estimator.learned_covariance()?;
+        self.adapts.then_some(covariance)
     }
 
     /// Returns room for what will be learned; none where memory is off.

@@ -37,7 +37,7 @@ pub(crate) use slip::SLIP_SMOOTHING_M_S;
 
 use contact::LearnedContact;
 use filter::Filter;
-use nalgebra::Matrix3;
+use nalgebra::{DMatrix, Matrix3};
 use sidehill_plant::contact::{ContactPrediction, PARAMETERS};
 use sidehill_plant::sample::Sample;
 use sidehill_plant::vehicle::Vehicle;
@@ -87,6 +87,30 @@ impl Estimator {
         match &self.0 {
             EstimatorKind::Slip(filter) => filter.learned_into(gains),
             EstimatorKind::Contact(filter) => filter.learned_into(gains),
+        }
+    }
+
+    /// Returns the covariance of what is learned: for a contact vehicle of the entries of
+    /// [`ContactEstimate::parameters`], else of the gains of [`Estimate::slip_gains`], row by row. None before the first
+    /// reading.
+    pub fn learned_covariance(&self) -> Option<DMatrix<f64>> {
+        match &self.0 {
+            EstimatorKind::Slip(filter) => {
+                let covariance = filter.parameter_covariance()?;
+                Some(DMatrix::from_column_slice(
+                    GAINS,
+                    GAINS,
+                    covariance.as_slice(),
+                ))
+            }
+            EstimatorKind::Contact(filter) => {
+                let covariance = filter.parameter_covariance()?;
+                Some(DMatrix::from_column_slice(
+                    PARAMETERS,
+                    PARAMETERS,
+                    covariance.as_slice(),
+                ))
+            }
         }
     }
 

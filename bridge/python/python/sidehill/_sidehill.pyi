@@ -492,6 +492,15 @@ class Controller:
     def qp(self) -> Qp | None:
         """The QP that the last step solved, with its solution; None where it solved none, and after set_extra_terms."""
     @property
+    def learned_covariance(self) -> _Floats | None:
+        """Covariance of what is learned, after the last step: array of shape (n, n).
+
+        For contact-mpc of the parameters of `Estimate.learned`, in their order, with the natural logarithms of friction,
+        inner_stiffness, lateral_share, slip_scale_m_s and the factors of the treads, and with the square of patch_radius_m
+        in place of these; else of `Estimate.slip_gains`, row by row. None before the first readings, and of a controller
+        that learns nothing (docs/adaptation.md).
+        """
+    @property
     def kind(self) -> Kind:
         """Name of the controller."""
     @property

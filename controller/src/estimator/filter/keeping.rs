@@ -3,6 +3,7 @@
 use super::super::gains::{InitialParameters, LearnedGains};
 use super::super::learned::LearnedModel;
 use super::Filter;
+use nalgebra::SMatrix;
 use sidehill_plant::frames::Attitude;
 
 impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
@@ -39,6 +40,13 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         self.model.bound(&mut kept.mean, &Attitude::LEVEL);
         self.kept = Some(kept);
         Ok(())
+    }
+
+    /// Returns the covariance of the parameters after the newest reading.
+    pub(in crate::estimator) fn parameter_covariance(&self) -> Option<&SMatrix<f64, N, N>> {
+        self.events
+            .back()
+            .map(|event| &event.belief.parameter_covariance)
     }
 
     /// Returns what is known of the parameters to begin with after a break.
