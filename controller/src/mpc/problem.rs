@@ -64,13 +64,6 @@ impl Point {
             slack: vec![0.0; data.b.len()],
         }
     }
-
-    /// Returns whether one of the rows after the equalities binds: its multiplier is larger than its
-    /// slack.
-    pub fn binds(&self, equalities: usize) -> bool {
-        let rows = self.dual.iter().zip(&self.slack);
-        rows.skip(equalities).any(|(dual, slack)| dual > slack)
-    }
 }
 
 impl QpData {
@@ -121,18 +114,15 @@ impl QpData {
         }
     }
 
-    /// Sets a point's slacks to b - A z, and those of the equalities to 0; returns the least of the
-    /// inequalities', infinity where there is none.
-    pub fn slacken(&self, point: &mut Point) -> f64 {
+    /// Sets a point's slacks to b - A z, and those of the equalities to 0.
+    pub fn slacken(&self, point: &mut Point) {
         point.slack.copy_from_slice(&self.b);
         for (column, z) in point.primal.iter().enumerate() {
             for (row, value) in entries(&self.a, column) {
                 point.slack[row] -= value * z;
             }
         }
-        let (equalities, inequalities) = point.slack.split_at_mut(self.equalities);
-        equalities.fill(0.0);
-        inequalities.iter().copied().fold(f64::INFINITY, nan_min)
+        point.slack[..self.equalities].fill(0.0);
     }
 
     /// Returns the KKT residuals of a point, relative to the largest term of each; `work` has the
@@ -200,10 +190,6 @@ fn nan_max(a: f64, b: f64) -> f64 {
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
-}
-
-fn nan_min(a: f64, b: f64) -> f64 {
-    -nan_max(-a, -b)
 }
 
 /// Returns a matrix in compressed columns with the given entries, all 1, and where each entry's value
