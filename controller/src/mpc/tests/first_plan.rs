@@ -65,6 +65,23 @@ fn a_first_plan_from_or_to_nowhere_is_a_failure_and_the_next_one_is_right() {
 }
 
 #[test]
+fn an_input_changes_in_the_time_of_the_stage_before_it() {
+    let mut settings = settings(40, 5);
+    settings.last_step_s = 0.4;
+    settings.limits.traction.acceleration_m_s2 = 0.1;
+    let mut mpc = mpc(settings);
+    begin(&mut mpc, &beside(0.7, 0.0, 0.0, 0.0));
+    let (mut time_s, mut k) = (mpc.settings.period_s, 0);
+    while 0.1 * time_s < 0.7 {
+        let traction_m_s = mpc.plan.inputs[k].traction_m_s;
+        assert!((traction_m_s - 0.1 * time_s).abs() < 1e-9, "{k}");
+        time_s += mpc.times.step_s(k);
+        k += 1;
+    }
+    assert!(k > 20, "{k}");
+}
+
+#[test]
 fn a_plan_that_got_stuck_is_given_up_for_a_drive_towards_the_path() {
     let horizon = beside(0.5, 0.3, 0.0, 0.2);
     let mut settings = settings(40, 5);
@@ -106,6 +123,27 @@ fn a_plan_that_is_nearly_as_good_as_a_drive_is_kept() {
     assert!(mpc.wants_first_plan());
     begin(&mut mpc, &horizon);
     assert_eq!(mpc.plan, kept);
+}
+
+#[test]
+fn a_plan_is_given_up_for_a_drive_that_costs_less_than_four_fifths_of_it() {
+    let horizon = beside(0.5, 0.3, 0.0, 0.2);
+    let mut mpc = mpc(settings(40, 5));
+    let mut extra = ExtraCost::default();
+    extra.weight[0][0] = 3.0;
+    let terms = ExtraTerms::new(vec![extra; 40], Vec::new()).unwrap();
+    mpc.set_extra_terms(Some(terms)).unwrap();
+    solve(&mut mpc, &horizon, None).unwrap();
+    let plan = mpc.plan().unwrap().clone();
+    mpc.discard_plan();
+    begin(&mut mpc, &horizon);
+    let drive = mpc.cost_of(&mpc.plan, &horizon);
+    for (share, is_kept) in [(0.81, true), (0.79, false)] {
+        mpc.plan = plan.clone();
+        mpc.cost = drive / share;
+        begin(&mut mpc, &horizon);
+        assert_eq!(mpc.plan == plan, is_kept, "{share}");
+    }
 }
 
 #[test]

@@ -165,6 +165,91 @@ fn too_few_iterations_are_told_from_other_failures() {
     assert_near(solver.primal(), [0.5, 2.5]);
 }
 
+/// Cuts a solve of `data` short and salvages it, with `from` and `to` as the projections of the origin and of the
+/// iterate.
+fn salvaged(
+    data: QpData,
+    from: [f64; 2],
+    to: [f64; 2],
+) -> Result<(Residuals, Vec<f64>), QpFailure> {
+    let mut solver = solver(small(3.0, 0.5, [0.3, 0.0]));
+    solver.set_max_iterations(1);
+    let failure = solver.solve(None).unwrap_err();
+    *solver.data_mut() = data;
+    let residuals = solver.salvage(failure, |_, point| {
+        let origin = point.iter().all(|value| *value == 0.0);
+        point.copy_from_slice(if origin { &from } else { &to });
+    })?;
+    assert_eq!(solver.path(), SolvePath::CutShort);
+    Ok((residuals, solver.primal().to_vec()))
+}
+
+#[test]
+fn a_solve_cut_short_ends_at_the_cheapest_point_between_two_that_meet_the_constraints() {
+    let free = |q| small(3.0, 10.0, q);
+    // The optimum is (2, 1), and all of x + y = 3 is between these or beyond them.
+    for (from, to, expected) in [
+        ([0.0, 3.0], [3.0, 0.0], [2.0, 1.0]),
+        ([3.0, 0.0], [1.8, 1.2], [2.0, 1.0]),
+        ([0.0, 3.0], [1.0, 2.0], [1.0, 2.0]),
+        ([0.5, 2.5], [2.0, 1.0], [2.0, 1.0]),
+    ] {
+        let (residuals, found) = salvaged(free([0.0, 0.0]), from, to).unwrap();
+        assert_near(&found, expected);
+        assert!(residuals.primal < 1e-12, "{residuals:?}");
+    }
+    // Nothing is cheaper than where the optimum itself or a way up begins.
+    for (from, to) in [([2.0, 1.0], [0.0, 3.0]), ([1.0, 2.0], [0.0, 3.0])] {
+        let failure = salvaged(free([0.0, 0.0]), from, to);
+        assert_eq!(failure, Err(QpFailure::MaxIterations { iterations: 1 }));
+    }
+    // A cost that falls evenly is followed to the end, one that rounding has bent down nowhere.
+    for (curvature, price, found) in [
+        (0.0, -0.5, true),
+        (0.0, 0.5, false),
+        (-1.0, 0.2, false),
+        (-1.0, -0.2, false),
+    ] {
+        let mut data = free([price, 0.0]);
+        data.p.nzval.fill(curvature);
+        let salvaged = salvaged(data, [0.0, 3.0], [1.0, 3.0]);
+        assert_eq!(salvaged.is_ok(), found, "{curvature} {price}");
+        if let Ok((_, found)) = salvaged {
+            assert_near(&found, [1.0, 3.0]);
+        }
+    }
+}
+
+#[test]
+fn residuals_are_the_largest_terms_relative_to_what_they_sum() {
+    let data = small(3.0, 10.0, [0.5, -1.0]);
+    let mut point = Point {
+        primal: vec![1.0, 1.0],
+        dual: vec![2.0, 0.5, -0.25],
+        slack: vec![0.0, 8.5, 3.0],
+    };
+    let mut work = Point::zeros(&data);
+    let residuals = data.residuals(&point, &mut work);
+    // A z + s - b is (-1, -0.5, 2), P z + q + A' y is (4, 3.25), z' P z = 3, q' z = -0.5 and b' y = 11.
+    assert!((residuals.primal - 2.0 / 11.0).abs() < 1e-12);
+    assert!((residuals.dual - 4.0 / 2.0).abs() < 1e-12);
+    assert!((residuals.gap - 13.5 / 2.0).abs() < 1e-12);
+    // What is outside the cone counts as well.
+    point.dual[2] = -33.0;
+    assert!((data.residuals(&point, &mut work).primal - 33.0 / 11.0).abs() < 1e-12);
+    point.slack[2] = -44.0;
+    assert!((data.residuals(&point, &mut work).primal - 45.0 / 11.0).abs() < 1e-12);
+}
+
+#[test]
+fn residuals_are_within_a_limit_where_each_of_them_is() {
+    let within = |primal, dual, gap| Residuals { primal, dual, gap }.within(1e-3);
+    assert!(within(1e-3, 1e-3, 1e-3));
+    for bad in [2e-3, f64::NAN] {
+        assert!(!within(bad, 0.0, 0.0) && !within(0.0, bad, 0.0) && !within(0.0, 0.0, bad));
+    }
+}
+
 #[test]
 fn data_of_another_size_is_rejected() {
     for settings in [exact(), QpSettings::default()] {

@@ -75,3 +75,32 @@ fn a_high_price_keeps_planned_inputs_and_a_new_plan_has_none() {
         assert!(corrections_m_s[0][motor] > 1e-3, "{corrections_m_s:?}");
     }
 }
+
+#[test]
+fn the_price_keeps_its_share_of_the_cost_however_long_the_stages_are() {
+    // The cost of an error at a stage's end, for a correction of the stage's traction, over the correction's price.
+    let shares = [1.0, 2.5].map(|stretch| {
+        let course = Course::new();
+        let mut settings = settings(40, 5);
+        settings.last_step_s = 0.3;
+        let mut mpc = mpc(settings);
+        mpc.move_on(0.0, stretch, &Vector3::z());
+        mpc.damping.s2_per_m2 = 5.0;
+        let mut horizon = course.horizon(&mpc.settings);
+        for target in &mut horizon.targets {
+            target.normal_in_world = Vector3::z();
+        }
+        let stages = mpc.linearise(&horizon).mpc.stages.iter();
+        let share = |stage: &Stage| {
+            let moved = stage.step.by_traction.xy().norm_squared();
+            stage.weights.cross_per_m2 * moved / stage.damping
+        };
+        stages.map(share).collect::<Vec<_>>()
+    });
+    for (share, stretched) in shares[0].iter().zip(&shares[1]) {
+        assert!(
+            (share / stretched - 1.0).abs() < 1e-6,
+            "{share} {stretched}"
+        );
+    }
+}
