@@ -92,15 +92,21 @@ impl Predictions {
 mod tests {
     use super::*;
 
+    /// Returns the distance from the path that is predicted for a time, m.
+    fn predicted_m(time_s: f64) -> f64 {
+        0.3 + 0.1 * time_s
+    }
+
     /// Returns s after 100 s of predictions that are off by so many standard deviations of 1 cm.
     fn share_after(deviations: f64) -> (Predictions, f64) {
         let mut predictions = Predictions::new(0.05);
         for cycle in 0..2000 {
             let time_s = 0.05 * f64::from(cycle);
-            predictions.compare(time_s, 0.05, 0.3 + 0.01 * deviations);
+            predictions.compare(time_s, 0.05, predicted_m(time_s) + 0.01 * deviations);
+            let for_s = time_s + AHEAD_S;
             predictions.add(Prediction {
-                for_s: time_s + AHEAD_S,
-                cross_track_m: 0.3,
+                for_s,
+                cross_track_m: predicted_m(for_s),
                 variance_m2: 1e-4,
             });
         }
@@ -121,6 +127,7 @@ mod tests {
     #[test]
     fn what_is_dropped_is_not_compared_and_what_was_learned_is_forgotten_with_time() {
         let (mut predictions, share) = share_after(3.0);
+        let mut reset = predictions.clone();
         predictions.drop_pending();
         predictions.compare(100.0, 0.05, 5.0);
         assert!(predictions.share() <= share);
@@ -130,5 +137,22 @@ mod tests {
             predictions.pending.capacity(),
             Predictions::new(0.05).pending.capacity()
         );
+        reset.reset();
+        reset.compare(100.0, 0.05, 5.0);
+        assert_eq!(reset.share(), 1.0);
+    }
+
+    #[test]
+    fn a_prediction_without_a_variance_tells_nothing() {
+        let mut predictions = Predictions::new(0.05);
+        for cross_track_m in [0.0, 0.1] {
+            predictions.add(Prediction {
+                for_s: 1.0,
+                cross_track_m,
+                variance_m2: 0.0,
+            });
+            predictions.compare(1.0, 0.05, 0.0);
+            assert_eq!(predictions.share(), 1.0);
+        }
     }
 }
