@@ -29,8 +29,7 @@ impl Mpc {
             deviation += step.by_yaw * deviation.z
                 + share
                     * (step.by_traction * correction.traction_m_s
-                        + step.by_steer * correction.steer_m_s)
-                + stage.defect;
+                        + step.by_steer * correction.steer_m_s);
             self.plan.states[k + 1] += deviation;
             self.plan.inputs[k] = MotorSpeeds {
                 traction_m_s: stage.input.traction_m_s + share * correction.traction_m_s,
