@@ -159,3 +159,6 @@ fn place_of(point: &TrackedPoint, target: &StageTarget, state: &Vector3<f64>) ->
         y_m: state.y + y_m,
     }
 }
+
+#[cfg(test)]
+mod tests;
