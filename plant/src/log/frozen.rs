@@ -1,6 +1,6 @@
 //! Readings of a log that stay the same to the bit while the vehicle moves.
 
-use super::{LogRow, Suspicion};
+use super::LogRow;
 
 /// Shortest time that is told, s: poses may come once in a second or two, and a log may repeat them.
 const TIME_MIN_S: f64 = 2.5;
@@ -11,8 +11,15 @@ const WINDOW_S: f64 = 1.0;
 /// Speed by the poses from which on they say something, m/s.
 const SPEED_MIN_M_S: f64 = 0.3;
 
-/// Returns the longest time in which poses stay while the treads turn.
-pub(super) fn poses(rows: &[LogRow]) -> Option<Suspicion> {
+/// A time in which readings stay, with what the other readings say of it.
+pub(super) struct Frozen<T> {
+    pub(super) from_s: f64,
+    pub(super) to_s: f64,
+    pub(super) meanwhile: T,
+}
+
+/// Returns the longest time in which poses stay while the treads turn, with the way of the treads, m.
+pub(super) fn poses(rows: &[LogRow]) -> Option<Frozen<f64>> {
     let posed: Vec<&LogRow> = rows.iter().filter(|row| row.pose.is_some()).collect();
     let stays = posed.chunk_by(|row, next| row.pose == next.pose);
     let treads_turn = |from: &LogRow, to: &LogRow| {
@@ -23,42 +30,41 @@ pub(super) fn poses(rows: &[LogRow]) -> Option<Suspicion> {
             .map(|row| 0.5 * (row.speeds.left_m_s + row.speeds.right_m_s));
         let mean_m_s = speeds.map(f64::abs).sum::<f64>() / during.len() as f64;
         let treads_m = mean_m_s * (to.time_s - from.time_s);
-        (treads_m > WAY_MIN_M).then_some(Suspicion::PosesFrozen {
-            from_s: from.time_s,
-            to_s: to.time_s,
-            treads_m,
-        })
+        (treads_m > WAY_MIN_M).then_some(treads_m)
     };
-    let found = stays.filter_map(|run| {
+    longest(stays.filter_map(|run| {
         let (from, to) = (run[0], run[run.len() - 1]);
-        let time_s = to.time_s - from.time_s;
-        let found = (time_s > TIME_MIN_S).then(|| treads_turn(from, to))??;
-        Some((time_s, found))
-    });
-    longest(found)
+        lasting(from, to, || treads_turn(from, to))
+    }))
 }
 
-/// Returns the longest time in which the speeds of both treads stay while the vehicle gets much slower or faster.
-pub(super) fn speeds(rows: &[LogRow]) -> Option<Suspicion> {
+/// Returns the longest time in which the speeds of both treads stay while the vehicle gets much slower or faster, with
+/// its least and its largest speed, m/s.
+pub(super) fn speeds(rows: &[LogRow]) -> Option<Frozen<(f64, f64)>> {
     let stays = rows.chunk_by(|row, next| row.speeds == next.speeds);
-    let found = stays.filter_map(|run| {
-        let (from_s, to_s) = (run[0].time_s, run[run.len() - 1].time_s);
-        if to_s - from_s <= TIME_MIN_S {
-            return None;
-        }
-        let (slowest_m_s, fastest_m_s) = speed_range(run)?;
-        let changes = fastest_m_s > SPEED_MIN_M_S && slowest_m_s < 0.5 * fastest_m_s;
-        changes.then_some((
-            to_s - from_s,
-            Suspicion::SpeedsFrozen {
-                from_s,
-                to_s,
-                slowest_m_s,
-                fastest_m_s,
-            },
-        ))
-    });
-    longest(found)
+    let changes =
+        |(slowest, fastest): &(f64, f64)| *fastest > SPEED_MIN_M_S && *slowest < 0.5 * fastest;
+    longest(stays.filter_map(|run| {
+        lasting(&run[0], &run[run.len() - 1], || {
+            speed_range(run).filter(changes)
+        })
+    }))
+}
+
+/// Returns the time between two rows if it lasts long enough and there is something to say of it.
+fn lasting<T>(
+    from: &LogRow,
+    to: &LogRow,
+    meanwhile: impl FnOnce() -> Option<T>,
+) -> Option<Frozen<T>> {
+    if to.time_s - from.time_s <= TIME_MIN_S {
+        return None;
+    }
+    Some(Frozen {
+        from_s: from.time_s,
+        to_s: to.time_s,
+        meanwhile: meanwhile()?,
+    })
 }
 
 /// Returns the least and the largest speed by the poses.
@@ -78,8 +84,6 @@ fn speed_range(rows: &[LogRow]) -> Option<(f64, f64)> {
     range
 }
 
-fn longest(found: impl Iterator<Item = (f64, Suspicion)>) -> Option<Suspicion> {
-    found
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .map(|(_, suspicion)| suspicion)
+fn longest<T>(found: impl Iterator<Item = Frozen<T>>) -> Option<Frozen<T>> {
+    found.max_by(|a, b| (a.to_s - a.from_s).total_cmp(&(b.to_s - b.from_s)))
 }

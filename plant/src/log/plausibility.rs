@@ -212,8 +212,8 @@ impl DriveLog {
         if angle_rad > ATTITUDE_MAX_RAD {
             found.push(Suspicion::AttitudeUnit { angle_rad });
         }
-        let frozen = frozen::poses(self.rows()).or_else(|| frozen::speeds(self.rows()));
-        if let Some(broken) = frozen.or_else(|| jumps(self.rows())) {
+        let broken = frozen_readings(self.rows()).or_else(|| jumps(self.rows()));
+        if let Some(broken) = broken {
             // Other verdicts on the treads would follow from it.
             found.push(broken);
             return found;
@@ -233,6 +233,25 @@ impl DriveLog {
         found.extend(distance(&stretches));
         found
     }
+}
+
+/// Returns whether poses or speeds stay the same while the vehicle moves.
+fn frozen_readings(rows: &[LogRow]) -> Option<Suspicion> {
+    let poses = frozen::poses(rows).map(|found| Suspicion::PosesFrozen {
+        from_s: found.from_s,
+        to_s: found.to_s,
+        treads_m: found.meanwhile,
+    });
+    poses.or_else(|| {
+        let found = frozen::speeds(rows)?;
+        let (slowest_m_s, fastest_m_s) = found.meanwhile;
+        Some(Suspicion::SpeedsFrozen {
+            from_s: found.from_s,
+            to_s: found.to_s,
+            slowest_m_s,
+            fastest_m_s,
+        })
+    })
 }
 
 /// Returns whether poses are farther apart than a vehicle gets between them.
