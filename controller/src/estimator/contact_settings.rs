@@ -75,7 +75,7 @@ pub struct ContactLearningSettings {
 impl Default for ContactLearningSettings {
     fn default() -> Self {
         Self {
-            slide_sigma_m_per_sqrt_s: 0.005,
+            slide_sigma_m_per_sqrt_s: 0.002,
             yaw_sigma_rad_per_sqrt_s: 0.005,
             lag_s: 0.1,
             prior_factor: 1.0,
