@@ -233,10 +233,10 @@ fn deviation_needed_m(raw: &RawPiece, accuracy_m: f64, options: &Smoothing) -> O
             return Some(farthest_m);
         }
         window_m = window_m.max(2.0 * farthest_m);
-        widen(
-            &mut reaches,
-            &sharp_nodes(&spline, options.max_curvature_per_m).excess,
-        );
+        let sharp = sharp_nodes(&spline, options.max_curvature_per_m);
+        if !widen(&mut reaches, &sharp.excess) {
+            break;
+        }
     }
     None
 }
@@ -296,8 +296,11 @@ fn smooth_piece<'a>(
                 curve,
             }));
         }
-        widen(&mut reaches, &sharp.excess);
         within = Some(spline);
+        // Without a sharp node the next round would be the same.
+        if !widen(&mut reaches, &sharp.excess) {
+            break;
+        }
     }
     let last = within.unwrap_or_else(|| curve.spline(&reaches));
     Err(Box::new(NotSmoothed {
@@ -458,10 +461,12 @@ fn sharp_nodes(spline: &Spline, max_curvature_per_m: f64) -> SharpNodes {
 }
 
 /// Lengthens the reach of the smoothing at sharp nodes, and around them so that the reach changes gradually: curvature
-/// would gather where it drops.
-fn widen(reaches: &mut [f64], excess: &[f64]) {
+/// would gather where it drops. Returns whether a node is sharp.
+fn widen(reaches: &mut [f64], excess: &[f64]) -> bool {
+    let mut is_sharp = false;
     let reached = reaches.iter_mut().zip(excess);
     for (reach, excess) in reached.filter(|(_, excess)| **excess > 1.0) {
+        is_sharp = true;
         *reach *= excess.powf(GROWTH_EXPONENT).clamp(GROWTH.0, GROWTH.1);
         *reach = reach.min(REACH_MAX);
     }
@@ -471,6 +476,7 @@ fn widen(reaches: &mut [f64], excess: &[f64]) {
     for i in (0..reaches.len() - 1).rev() {
         reaches[i] = reaches[i].max(reaches[i + 1] - GRADE);
     }
+    is_sharp
 }
 
 /// Returns nodes uniform along the polyline, whose points are `along_m` from its start, and their distance; those next
