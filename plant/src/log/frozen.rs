@@ -8,8 +8,10 @@ const TIME_MIN_S: f64 = 2.5;
 const WAY_MIN_M: f64 = 1.0;
 /// Time over which a speed is taken from poses, s.
 const WINDOW_S: f64 = 1.0;
-/// Speed by the poses from which on they say something, m/s.
+/// Speed from which on a vehicle drives, m/s, and share of it below which it stands. What lies between may be the
+/// slope, on which a vehicle that turns with constant treads slides now forward and now backward.
 const SPEED_MIN_M_S: f64 = 0.3;
+const STANDING_SHARE: f64 = 0.1;
 
 /// A time in which readings stay, with what the other readings say of it.
 pub(super) struct Frozen<T> {
@@ -38,12 +40,13 @@ pub(super) fn poses(rows: &[LogRow]) -> Option<Frozen<f64>> {
     }))
 }
 
-/// Returns the longest time in which the speeds of both treads stay while the vehicle gets much slower or faster, with
-/// its least and its largest speed, m/s.
+/// Returns the longest time in which the speeds of both treads stay while the vehicle stops or sets off, with its least and
+/// its largest speed by the poses, m/s.
 pub(super) fn speeds(rows: &[LogRow]) -> Option<Frozen<(f64, f64)>> {
     let stays = rows.chunk_by(|row, next| row.speeds == next.speeds);
-    let changes =
-        |(slowest, fastest): &(f64, f64)| *fastest > SPEED_MIN_M_S && *slowest < 0.5 * fastest;
+    let changes = |(slowest, fastest): &(f64, f64)| {
+        *fastest > SPEED_MIN_M_S && *slowest < STANDING_SHARE * fastest
+    };
     longest(stays.filter_map(|run| {
         lasting(&run[0], &run[run.len() - 1], || {
             speed_range(run).filter(changes)

@@ -49,7 +49,7 @@ pub enum Suspicion {
         /// Way of the treads in that time, m.
         treads_m: f64,
     },
-    /// The speeds of both treads stay the same to the bit while the vehicle gets slower or faster.
+    /// The speeds of both treads stay the same to the bit while the vehicle stops or sets off.
     #[error(
         "the tread speeds are the same from {from_s:.1} to {to_s:.1} s while the vehicle drives at {slowest_m_s:.2} to \
          {fastest_m_s:.2} m/s by its poses: did the encoders or their driver stop there? Cut the log there"
@@ -534,6 +534,26 @@ mod tests {
             log(speeds),
             "the tread speeds are the same from 20.0 to 50.0 s while the vehicle drives at 0.00 to",
         );
+    }
+
+    #[test]
+    fn constant_treads_on_a_slope_are_not_frozen() {
+        // Round and round at 0.3 m/s, down the slope by half of that in addition.
+        let poses = |row: &mut LogRow| {
+            let (rate, speed, slide) = (0.6, 0.3, 0.15);
+            row.speeds = MeasuredTreadSpeeds {
+                left_m_s: speed - 0.45,
+                right_m_s: speed + 0.45,
+            };
+            let yaw_rad = rate * row.time_s;
+            row.pose = Some(Pose {
+                x_m: speed / rate * yaw_rad.cos(),
+                y_m: speed / rate * yaw_rad.sin() - slide * row.time_s,
+                z_m: 0.0,
+                yaw_rad,
+            });
+        };
+        assert_eq!(log(poses), []);
     }
 
     #[test]
