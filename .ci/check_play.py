@@ -132,7 +132,7 @@ def check(program, address, folder):
         # A path that is drawn, by a vehicle of another size with perfect sensors; the link holds it.
         page.open("#vehicle=four_small&sensors=perfect&slope_deg=8&controllers=contact-mpc,icrhk-mpc,pure-pursuit")
         browser.evaluate("$('draw').click()")
-        page.drag([[0.25 * i - 1, 0.5 * (i % 8 - 4) ** 2 / 16 + 0.1 * i] for i in range(13)])
+        page.drag([[0.25 * i - 1, 0.2 * (i % 8 - 4) ** 2 / 16 + 0.2 * i] for i in range(13)])
         link = browser.evaluate("location.hash")
         if "course=drawn" not in link:
             sys.exit(f"the path that was drawn is not in the link: {link}")
