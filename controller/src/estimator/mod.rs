@@ -94,24 +94,13 @@ impl Estimator {
     /// [`ContactEstimate::parameters`], else of the gains of [`Estimate::slip_gains`], row by row. None before the first
     /// reading.
     pub fn learned_covariance(&self) -> Option<DMatrix<f64>> {
-        match &self.0 {
-            EstimatorKind::Slip(filter) => {
-                let covariance = filter.parameter_covariance()?;
-                Some(DMatrix::from_column_slice(
-                    GAINS,
-                    GAINS,
-                    covariance.as_slice(),
-                ))
-            }
+        let (size, entries) = match &self.0 {
+            EstimatorKind::Slip(filter) => (GAINS, filter.parameter_covariance()?.as_slice()),
             EstimatorKind::Contact(filter) => {
-                let covariance = filter.parameter_covariance()?;
-                Some(DMatrix::from_column_slice(
-                    PARAMETERS,
-                    PARAMETERS,
-                    covariance.as_slice(),
-                ))
+                (PARAMETERS, filter.parameter_covariance()?.as_slice())
             }
-        }
+        };
+        Some(DMatrix::from_column_slice(size, size, entries))
     }
 
     /// Begins with what was learned before.
