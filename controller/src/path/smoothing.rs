@@ -36,7 +36,7 @@ const GRADE: f64 = 0.2;
 /// Largest reach, in nodes: its fourth power is still small beside what doubles resolve.
 const REACH_MAX: f64 = 2000.0;
 const ROUNDS: usize = 80;
-/// Beyond this a route holds a stray point: half a day's drive, which takes up to 3 s to smooth.
+/// Beyond this a route holds a stray point: half a day's drive, which takes up to 2 s to smooth.
 const LENGTH_MAX_M: f64 = 2e4;
 /// Distance between two places within which they are made corners one after the other, in smallest radii: with one of
 /// them a corner, the other may be rounded.
@@ -233,8 +233,10 @@ fn deviation_needed_m(raw: &RawPiece, accuracy_m: f64, options: &Smoothing) -> O
             return Some(farthest_m);
         }
         window_m = window_m.max(2.0 * farthest_m);
-        let sharp = sharp_nodes(&spline, options.max_curvature_per_m);
-        if !widen(&mut reaches, &sharp.excess) {
+        if !widen(
+            &mut reaches,
+            &excesses(&spline, options.max_curvature_per_m),
+        ) {
             break;
         }
     }
@@ -278,9 +280,10 @@ fn smooth_piece<'a>(
     let mut within: Option<Spline> = None;
     for _ in 0..ROUNDS {
         let spline = curve.spline(&reaches);
-        let sharp = sharp_nodes(&spline, options.max_curvature_per_m);
+        let excesses = excesses(&spline, options.max_curvature_per_m);
         let mut beyond = curve.beyond(&spline, options.max_deviation_m);
-        if beyond.is_empty() && !sharp.too_sharp {
+        let is_too_sharp = excesses.iter().any(|excess| *excess > 1.0 / MARGIN);
+        if beyond.is_empty() && !is_too_sharp {
             let piece = curve.sampled(&spline, options.max_deviation_m);
             let farthest = piece.farthest();
             if farthest.distance_m > options.max_deviation_m {
@@ -298,7 +301,7 @@ fn smooth_piece<'a>(
         }
         within = Some(spline);
         // Without a sharp node the next round would be the same.
-        if !widen(&mut reaches, &sharp.excess) {
+        if !widen(&mut reaches, &excesses) {
             break;
         }
     }
@@ -403,24 +406,14 @@ impl<'a> Curve<'a> {
     }
 }
 
-/// Nodes around which a curve bends more than the smoothing aims at.
-struct SharpNodes {
-    /// For each node how many times as much it bends around it, infinite where it turns back; 1 where it is not sharp.
-    excess: Vec<f64>,
-    /// Whether it bends more than it may.
-    too_sharp: bool,
-}
-
-/// Finds them by the curvature at the node, or on average over a part of the way to the next one, where the curve may
-/// bend sharply or turn back.
-fn sharp_nodes(spline: &Spline, max_curvature_per_m: f64) -> SharpNodes {
+/// Returns for each node how many times as much as the smoothing aims at the curve bends around it, infinite where it turns
+/// back, and 1 where it is not sharp: by the curvature at the node, or on average over a part of the way to the next one,
+/// where the curve may bend sharply or turn back.
+fn excesses(spline: &Spline, max_curvature_per_m: f64) -> Vec<f64> {
     /// Parts of the way to the next node.
     const PARTS: u8 = 4;
     let limit = MARGIN * max_curvature_per_m;
-    let mut sharp = SharpNodes {
-        excess: vec![1.0; spline.end() as usize + 1],
-        too_sharp: false,
-    };
+    let mut excesses: Vec<f64> = vec![1.0; spline.end() as usize + 1];
     let mut is_sharp = |nodes: &[usize], curvature_per_m: f64| {
         if curvature_per_m <= limit {
             return false;
@@ -430,9 +423,8 @@ fn sharp_nodes(spline: &Spline, max_curvature_per_m: f64) -> SharpNodes {
             false => curvature_per_m / limit,
         };
         for &node in nodes {
-            sharp.excess[node] = sharp.excess[node].max(excess);
+            excesses[node] = excesses[node].max(excess);
         }
-        sharp.too_sharp |= excess > 1.0 / MARGIN;
         true
     };
     for i in 0..spline.end() as usize {
@@ -457,14 +449,14 @@ fn sharp_nodes(spline: &Spline, max_curvature_per_m: f64) -> SharpNodes {
             a = b;
         }
     }
-    sharp
+    excesses
 }
 
 /// Lengthens the reach of the smoothing at sharp nodes, and around them so that the reach changes gradually: curvature
 /// would gather where it drops. Returns whether a node is sharp.
-fn widen(reaches: &mut [f64], excess: &[f64]) -> bool {
+fn widen(reaches: &mut [f64], excesses: &[f64]) -> bool {
     let mut is_sharp = false;
-    let reached = reaches.iter_mut().zip(excess);
+    let reached = reaches.iter_mut().zip(excesses);
     for (reach, excess) in reached.filter(|(_, excess)| **excess > 1.0) {
         is_sharp = true;
         *reach *= excess.powf(GROWTH_EXPONENT).clamp(GROWTH.0, GROWTH.1);

@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used)]
 
+use super::super::horizon::tests::sample;
 use super::*;
 use crate::config::{ControllerConfig, ControllerKind};
 use crate::controller::Decision;
@@ -7,7 +8,7 @@ use crate::course::{Circle, Course};
 use crate::mpc::StageTarget;
 use crate::reference::Reference;
 use crate::speed_profile::SpeedConfig;
-use sidehill_plant::frames::{Attitude, PlanarPose, Pose, pose_rate};
+use sidehill_plant::frames::{Attitude, PlanarPose, pose_rate};
 use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::vehicle::Vehicle;
@@ -60,27 +61,15 @@ impl Drive {
         let pose = &mut self.pose;
         let attitude = Attitude::on_plane(&self.normal_in_world, pose.yaw_rad);
         let (time_s, value) = (self.time_s, attitude);
-        let decision = self.controller.step(
-            &Sample {
+        let moving_and_tilted = Sample {
+            tread_speeds: Some(Stamped {
                 time_s,
-                tread_speeds: Some(Stamped {
-                    time_s,
-                    value: vehicle.encoder_scale.invert(moving.into()),
-                }),
-                attitude: Some(Stamped { time_s, value }),
-                yaw_rate: None,
-                pose: Some(Stamped {
-                    time_s,
-                    value: Pose {
-                        x_m: pose.x_m,
-                        y_m: pose.y_m,
-                        z_m: 0.0,
-                        yaw_rad: pose.yaw_rad,
-                    },
-                }),
-            },
-            None,
-        );
+                value: vehicle.encoder_scale.invert(moving.into()),
+            }),
+            attitude: Some(Stamped { time_s, value }),
+            ..sample(time_s, pose)
+        };
+        let decision = self.controller.step(&moving_and_tilted, None);
         self.under_way.push_back(decision.command_effective);
         let moving = self.under_way.pop_front().unwrap();
         for _ in 0..10 {

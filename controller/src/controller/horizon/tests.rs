@@ -12,7 +12,7 @@ use sidehill_plant::speeds::MeasuredTreadSpeeds;
 use sidehill_plant::vehicle::Vehicle;
 
 /// Returns the readings of a vehicle that stands on level ground.
-fn sample(time_s: f64, pose: &PlanarPose) -> Sample {
+pub fn sample(time_s: f64, pose: &PlanarPose) -> Sample {
     Sample {
         time_s,
         tread_speeds: Some(Stamped {
