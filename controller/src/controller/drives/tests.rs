@@ -1,0 +1,458 @@
+use super::*;
+
+const CYCLE_S: f64 = 0.05;
+
+/// Drives for a minute with commands between 0.3 and 0.7 m/s, of which no more is asked than the motor is known to
+/// reach; returns the limit at the end of each second.
+fn limits_m_s(speed_of: impl Fn(f64) -> f64) -> Vec<f64> {
+    let mut motor = Motor::new(1.0);
+    let mut limits_m_s = Vec::new();
+    for cycle in 0..1200 {
+        let wanted_m_s = 0.5 + 0.2 * (0.5 * CYCLE_S * f64::from(cycle)).sin();
+        let command_m_s = wanted_m_s.min(motor.limit_m_s);
+        motor.observe(speed_of(command_m_s), command_m_s, CYCLE_S);
+        if cycle % 20 == 19 {
+            limits_m_s.push(motor.limit_m_s);
+        }
+    }
+    limits_m_s
+}
+
+#[test]
+fn a_motor_that_reaches_less_than_it_is_told_to_has_a_limit_each_time_it_is_asked_for_more() {
+    let limits_m_s = limits_m_s(|command_m_s| command_m_s.min(0.4));
+    // The limit rises where the motor is asked for less, and is found again.
+    assert!(
+        limits_m_s[5..]
+            .iter()
+            .all(|limit_m_s| (0.4..0.65).contains(limit_m_s))
+    );
+    assert!(limits_m_s[40..].iter().any(|limit_m_s| *limit_m_s < 0.45));
+}
+
+#[test]
+fn speeds_that_are_scaled_down_are_no_limit() {
+    let limits_m_s = limits_m_s(|command_m_s| 0.5 * command_m_s);
+    let unlimited = limits_m_s
+        .iter()
+        .filter(|limit_m_s| **limit_m_s == 1.0)
+        .count();
+    assert!(unlimited > 50, "{limits_m_s:?}");
+}
+
+#[test]
+fn a_limit_far_below_what_was_told_is_found_and_so_is_one_that_falls() {
+    let mut motor = Motor::new(3.0);
+    for (reaches_m_s, cycles) in [(0.27, 60), (0.9, 600), (0.2, 100)] {
+        for _ in 0..cycles {
+            let command_m_s = 1.2_f64.min(motor.limit_m_s);
+            motor.observe(command_m_s.min(reaches_m_s), command_m_s, CYCLE_S);
+        }
+        let over_m_s = motor.limit_m_s - reaches_m_s;
+        assert!((0.0..0.1).contains(&over_m_s), "{reaches_m_s}: {over_m_s}");
+    }
+}
+
+#[test]
+fn a_limit_that_falls_slowly_is_one_to_its_end() {
+    let mut motor = Motor::new(1.0);
+    for cycle in 0..3600 {
+        let command_m_s = 0.46_f64.min(0.98 * motor.limit_m_s);
+        let reaches_m_s = 0.228 * (1.0 - 0.005 * CYCLE_S * f64::from(cycle)).max(0.2);
+        motor.observe(command_m_s.min(reaches_m_s), command_m_s, CYCLE_S);
+        let over_m_s = motor.limit_m_s - reaches_m_s;
+        assert!(cycle < 20 || over_m_s < 0.06, "{cycle}: {over_m_s}");
+    }
+}
+
+#[test]
+fn a_motor_that_swings_late_after_its_command_has_no_limit() {
+    let mut motor = Motor::new(1.0);
+    for cycle in 0..1200 {
+        let at = |late_s: f64| 0.9 * (1.4 * (CYCLE_S * f64::from(cycle) - late_s)).sin();
+        motor.observe(0.5 * at(0.4), at(0.0), CYCLE_S);
+        assert_eq!(motor.limit_m_s, 1.0, "{cycle}");
+    }
+}
+
+#[test]
+fn a_motor_that_obeys_has_no_limit() {
+    assert!(
+        limits_m_s(|command_m_s| 0.99 * command_m_s)
+            .iter()
+            .all(|limit_m_s| *limit_m_s == 1.0)
+    );
+}
+
+/// Holds a motor's speed and command for a time; returns the times of the readings after which it has another limit.
+fn hold(motor: &mut Motor, speed_m_s: f64, command_m_s: f64, duration_s: f64) -> Vec<f64> {
+    (motor.speed_m_s, motor.command_m_s) = (speed_m_s, command_m_s);
+    let mut changes_s = Vec::new();
+    for cycle in 1..=(duration_s / CYCLE_S).round() as u32 {
+        let before_m_s = motor.limit_m_s;
+        motor.observe(speed_m_s, command_m_s, CYCLE_S);
+        if motor.limit_m_s != before_m_s {
+            changes_s.push(CYCLE_S * f64::from(cycle));
+        }
+    }
+    changes_s
+}
+
+#[test]
+fn a_motor_has_a_limit_where_it_stays_short_of_its_command() {
+    for (speed_m_s, command_m_s, limit_m_s) in [
+        (0.355, 0.4, Some(0.365)),
+        (0.365, 0.4, None),
+        (-0.355, -0.4, Some(0.365)),
+        (-0.365, -0.4, None),
+        (0.78, 0.85, Some(0.79)),
+        (0.795, 0.85, None),
+        // It turns the other way, or friction holds it.
+        (-0.2, 0.4, None),
+        (0.0, 0.4, None),
+        (0.015, 0.4, None),
+        (0.025, 0.4, Some(0.1)),
+    ] {
+        let what = format!("{speed_m_s} of {command_m_s}");
+        let mut motor = Motor::new(1.0);
+        let changes_s = hold(&mut motor, speed_m_s, command_m_s, 5.0);
+        let Some(limit_m_s) = limit_m_s else {
+            assert_eq!((motor.limit_m_s, motor.asked_m_s), (1.0, 0.0), "{what}");
+            continue;
+        };
+        assert_eq!(changes_s.len(), 1, "{what}");
+        assert!((0.4..0.46).contains(&changes_s[0]), "{what}: {changes_s:?}");
+        assert!(
+            (motor.limit_m_s - limit_m_s).abs() < 1e-9,
+            "{what}: {motor:?}"
+        );
+        assert_eq!(motor.asked_m_s, command_m_s.abs(), "{what}");
+    }
+}
+
+#[test]
+fn a_motor_on_its_way_to_its_command_has_no_limit() {
+    for (rate_m_s2, limited) in [(0.09, true), (0.11, false), (-0.09, true), (-0.11, false)] {
+        let mut motor = Motor::new(1.0);
+        // Smoothed it is late.
+        (motor.speed_m_s, motor.command_m_s) = (0.3 - 0.15 * rate_m_s2, 0.9);
+        for cycle in 1..=20 {
+            let speed_m_s = 0.3 + rate_m_s2 * CYCLE_S * f64::from(cycle);
+            motor.observe(speed_m_s, 0.9, CYCLE_S);
+        }
+        assert_eq!(motor.limit_m_s < 1.0, limited, "{rate_m_s2}");
+    }
+}
+
+#[test]
+fn speeds_are_smoothed_over_a_fifth_of_a_second() {
+    for (elapsed_s, share) in [(0.05, 0.25), (0.1, 0.5), (0.6, 1.0)] {
+        let mut motor = Motor::new(1.0);
+        (motor.speed_m_s, motor.command_m_s) = (0.2, -0.2);
+        motor.observe(0.4, 0.4, elapsed_s);
+        assert!((motor.speed_m_s - (0.2 + 0.2 * share)).abs() < 1e-12);
+        assert!((motor.command_m_s - (-0.2 + 0.6 * share)).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn times_in_which_a_motor_obeys_count_against_those_in_which_it_is_short() {
+    let mut motor = Motor::new(1.0);
+    assert!(hold(&mut motor, 0.3, 0.5, 0.3).is_empty());
+    assert!(hold(&mut motor, 0.5, 0.5, 0.2).is_empty());
+    let changes_s = hold(&mut motor, 0.3, 0.5, 0.5);
+    assert!((0.3..0.36).contains(&changes_s[0]), "{changes_s:?}");
+    // No more than 0.4 s are counted.
+    hold(&mut motor, 0.3, 0.5, 5.0);
+    hold(&mut motor, 0.5, 0.5, 0.4);
+    motor.limit_m_s = 1.0;
+    let changes_s = hold(&mut motor, 0.3, 0.5, 1.0);
+    assert!((0.35..0.5).contains(&changes_s[0]), "{changes_s:?}");
+}
+
+#[test]
+fn a_limit_rises_slowly_while_the_motor_obeys_and_is_forgotten_where_nothing_is_left_of_it() {
+    let mut motor = Motor::new(0.6);
+    hold(&mut motor, 0.4, 0.55, 1.0);
+    hold(&mut motor, 0.35, 0.45, 1.0);
+    assert!((motor.limit_m_s - 0.36).abs() < 1e-9, "{motor:?}");
+    // What it was once short of is told.
+    assert_eq!(motor.asked_m_s, 0.55);
+    hold(&mut motor, 0.3, 0.3, 2.0);
+    assert!((motor.limit_m_s - 0.42).abs() < 1e-9, "{motor:?}");
+    assert_eq!((motor.asked_m_s, motor.reached_m_s), (0.55, 0.0));
+    hold(&mut motor, 0.3, 0.3, 7.0);
+    assert_eq!((motor.limit_m_s, motor.asked_m_s), (0.6, 0.0));
+}
+
+/// A motor whose speeds were found to be scaled by half, at 0.2 m/s.
+fn scaled() -> Motor {
+    let mut motor = Motor::new(1.0);
+    hold(&mut motor, 0.4, 0.8, 1.0);
+    assert!((motor.limit_m_s - 0.41).abs() < 1e-9, "{motor:?}");
+    hold(&mut motor, 0.2, 0.4, 1.0);
+    assert_eq!((motor.limit_m_s, motor.asked_m_s), (1.0, 0.0));
+    motor
+}
+
+#[test]
+fn that_speeds_are_scaled_down_is_remembered_for_ten_seconds_or_until_their_share_changes() {
+    let mut motor = scaled();
+    let since_s = SCALED_S - motor.scaled_s;
+    let changes_s = hold(&mut motor, 0.4, 0.8, 11.0);
+    assert!(
+        (changes_s[0] + since_s - 10.0).abs() < 0.06,
+        "{changes_s:?} {since_s}"
+    );
+    for (speed_m_s, limited) in [(0.47, false), (0.33, false), (0.49, true), (0.31, true)] {
+        let mut motor = scaled();
+        hold(&mut motor, speed_m_s, 0.8, 2.0);
+        assert_eq!(motor.limit_m_s < 1.0, limited, "{speed_m_s}");
+        assert_eq!(motor.scaled_s <= 0.0, limited, "{speed_m_s}");
+    }
+}
+
+#[test]
+fn a_motor_is_scaled_down_where_the_share_is_the_same_at_much_less_speed() {
+    // After 0.4 m/s of 0.8.
+    for (speed_m_s, command_m_s, limit_m_s) in [
+        (0.31, 0.62, 0.32),
+        (0.29, 0.58, 1.0),
+        (0.2, 0.35, 1.0),
+        (0.2, 0.45, 1.0),
+        (0.2, 0.32, 0.21),
+        (0.2, 0.52, 0.21),
+    ] {
+        let mut motor = Motor::new(1.0);
+        hold(&mut motor, 0.4, 0.8, 1.0);
+        hold(&mut motor, speed_m_s, command_m_s, 1.0);
+        let found_m_s = motor.limit_m_s;
+        assert!(
+            (found_m_s - limit_m_s).abs() < 1e-9,
+            "{speed_m_s}: {found_m_s}"
+        );
+    }
+    // It is the largest speed at that share that counts, and the last share.
+    let mut motor = Motor::new(1.0);
+    hold(&mut motor, 0.4, 0.8, 1.0);
+    hold(&mut motor, 0.35, 0.7, 1.0);
+    assert_eq!(motor.reached_m_s, 0.4);
+    hold(&mut motor, 0.3, 0.9, 1.0);
+    assert_eq!(motor.reached_m_s, 0.3);
+    // One that obeys in between is limited anew.
+    hold(&mut motor, 0.2, 0.2, 1.0);
+    hold(&mut motor, 0.1, 0.3, 1.0);
+    assert!((motor.limit_m_s - 0.11).abs() < 1e-9, "{motor:?}");
+}
+
+/// Drives of the default limits whose commands are told to act 0.1 s later, in a vehicle that is driven by them.
+struct Driven {
+    drives: Drives,
+    issued: IssuedCommands,
+    cycle: u32,
+}
+
+impl Driven {
+    fn new() -> Self {
+        let config = ControllerConfig {
+            command_delay_s: 0.06,
+            motor_lag_s: 0.04,
+            ..ControllerConfig::default()
+        };
+        Self {
+            drives: Drives::new(&config),
+            issued: IssuedCommands::new(CYCLE_S),
+            cycle: 0,
+        }
+    }
+
+    /// Drives for so many cycles by commands of a time, with speeds of a time.
+    fn drive(
+        &mut self,
+        cycles: u32,
+        command: impl Fn(f64) -> MotorSpeeds,
+        speeds: impl Fn(f64) -> MotorSpeeds,
+    ) {
+        for _ in 0..cycles {
+            let time_s = CYCLE_S * f64::from(self.cycle);
+            self.cycle += 1;
+            self.issued.push(time_s, command(time_s));
+            // Rounding does not decide which command is in force.
+            self.drives
+                .observe(speeds(time_s), time_s + 1e-4, &self.issued);
+        }
+    }
+
+    fn delay_s(&self) -> f64 {
+        self.drives.response().delay_s
+    }
+}
+
+fn of_traction(speed_m_s: f64) -> MotorSpeeds {
+    MotorSpeeds {
+        traction_m_s: speed_m_s,
+        steer_m_s: 0.0,
+    }
+}
+
+fn of_steer(speed_m_s: f64) -> MotorSpeeds {
+    MotorSpeeds {
+        traction_m_s: 0.0,
+        steer_m_s: speed_m_s,
+    }
+}
+
+#[test]
+fn the_delay_becomes_that_with_which_either_motor_follows() {
+    for of in [of_traction, of_steer] {
+        for late_s in [0.0, 0.07, 0.33, 0.9] {
+            let command = |time_s: f64| of(0.3 * (1.5 * time_s).sin());
+            let mut driven = Driven::new();
+            driven.drive(600, command, |time_s| command(time_s - late_s));
+            let delay_s = driven.delay_s();
+            // What was told counts for little.
+            assert!((delay_s - late_s).abs() < 0.012, "{late_s}: {delay_s}");
+        }
+    }
+}
+
+#[test]
+fn the_delay_stays_as_it_was_told_while_nothing_tells_of_it() {
+    for speed_m_s in [0.0, 0.3] {
+        let mut driven = Driven::new();
+        let same = |_| of_traction(speed_m_s);
+        driven.drive(200, same, same);
+        let delay_s = driven.delay_s();
+        assert!((delay_s - 0.1).abs() < 1e-9, "{speed_m_s}: {delay_s}");
+    }
+}
+
+#[test]
+fn motors_near_the_commands_that_they_can_reach_tell_of_the_delay() {
+    let mut issued = IssuedCommands::new(CYCLE_S);
+    let command = MotorSpeeds {
+        traction_m_s: -0.5,
+        steer_m_s: 0.3,
+    };
+    for cycle in 0..23 {
+        issued.push(CYCLE_S * f64::from(cycle), command);
+    }
+    // (speeds, limit of steer, what the misfits become)
+    for (traction_m_s, steer_m_s, limit_m_s, expected) in [
+        (-0.44, 0.2, 0.8, 0.06 * 0.06 + 0.1 * 0.1),
+        (-0.3, 0.2, 0.8, 0.1 * 0.1),
+        (-0.7, 0.2, 0.8, 0.1 * 0.1),
+        (-0.44, 0.1, 0.8, 0.06 * 0.06),
+        (-0.44, 0.1, 0.22, 0.06 * 0.06 + 0.12 * 0.12),
+        (-0.3, 0.1, 0.8, 0.0),
+    ] {
+        let mut drives = Driven::new().drives;
+        let speeds = MotorSpeeds {
+            traction_m_s,
+            steer_m_s,
+        };
+        for (motor, speed_m_s, command_m_s) in [
+            (&mut drives.traction, traction_m_s, -0.5),
+            (&mut drives.steer, steer_m_s, 0.3),
+        ] {
+            (motor.speed_m_s, motor.command_m_s) = (speed_m_s, command_m_s);
+        }
+        drives.steer.limit_m_s = limit_m_s;
+        drives.observe(speeds, 1.0, &issued);
+        drives.observe(speeds, 1.05, &issued);
+        for misfit in drives.misfits {
+            assert!((misfit - expected).abs() < 1e-3, "{speeds:?}: {misfit}");
+        }
+    }
+}
+
+#[test]
+fn the_delay_in_use_follows_the_one_that_fits_best_within_a_second() {
+    // The vertex of the parabola through the least misfit and those beside it: 0.3 s and a quarter of a step.
+    let mut best = [100.0; DELAYS];
+    (best[5], best[6], best[7]) = (30.0, 10.0, 20.0);
+    let vertex_s = 0.3 + 0.05 / 6.0;
+    for elapsed_s in [0.05, 0.25] {
+        let mut driven = Driven::new();
+        for cycle in 0..24 {
+            driven
+                .issued
+                .push(0.05 * f64::from(cycle), MotorSpeeds::STOP);
+        }
+        driven
+            .drives
+            .observe(MotorSpeeds::STOP, 1.0, &driven.issued);
+        driven.drives.misfits = best;
+        driven
+            .drives
+            .observe(MotorSpeeds::STOP, 1.0 + elapsed_s, &driven.issued);
+        let expected_s = 0.1 + elapsed_s * (vertex_s - 0.1);
+        let delay_s = driven.delay_s();
+        assert!(
+            (delay_s - expected_s).abs() < 1e-4,
+            "{elapsed_s}: {delay_s}"
+        );
+        // Over ten seconds they are forgotten.
+        let kept = driven.drives.misfits[0] / best[0];
+        assert!((kept - (1.0 - elapsed_s / 10.0)).abs() < 1e-12, "{kept}");
+    }
+}
+
+#[test]
+fn readings_that_are_not_later_or_a_second_later_tell_nothing() {
+    let mut issued = IssuedCommands::new(CYCLE_S);
+    for cycle in 0..23 {
+        issued.push(2.0 + CYCLE_S * f64::from(cycle), of_traction(0.5));
+    }
+    let mut drives = Driven::new().drives;
+    drives.observe(MotorSpeeds::STOP, 2.0, &issued);
+    for read_s in [2.0, 1.5, 2.5, 2.5, 3.5] {
+        let before = drives.clone();
+        drives.observe(of_traction(0.25), read_s, &issued);
+        let taken = drives.traction.command_m_s != before.traction.command_m_s
+            || drives.misfits != before.misfits;
+        // From 1.5 s to 2.5 s it is a second, too.
+        assert!(!taken, "{read_s}");
+    }
+    drives.observe(of_traction(0.25), 3.6, &issued);
+    assert!(drives.traction.command_m_s > 0.2 && drives.misfits[0] > 0.0);
+}
+
+#[test]
+fn limits_and_response_are_those_of_each_motor() {
+    let config = ControllerConfig::default();
+    let mut drives = Drives::new(&config);
+    for motor in [&mut drives.traction, &mut drives.steer] {
+        for _ in 0..40 {
+            motor.observe(0.2, 0.3, CYCLE_S);
+        }
+    }
+    for _ in 0..40 {
+        drives.steer.observe(0.16, 0.24, CYCLE_S);
+    }
+    let (limits, response) = (drives.limits(&config.limits), drives.response());
+    assert!((limits.traction.speed_m_s - 0.21).abs() < 2e-3);
+    assert!((limits.steer.speed_m_s - 0.17).abs() < 2e-3);
+    assert_eq!(response.speed_max.traction_m_s, limits.traction.speed_m_s);
+    assert_eq!(response.speed_max.steer_m_s, limits.steer.speed_m_s);
+    assert!((response.asked.traction_m_s - 0.3).abs() < 2e-3);
+    assert!((response.asked.steer_m_s - 0.3).abs() < 2e-3);
+}
+
+#[test]
+fn commands_that_are_scaled_down_pass_on_what_the_motor_does() {
+    let mut drives = Driven::new().drives;
+    assert_eq!(drives.passed_on_m_s(), f64::INFINITY);
+    for command_m_s in [-0.8, -0.4] {
+        for _ in 0..40 {
+            drives
+                .traction
+                .observe(0.5 * command_m_s, command_m_s, CYCLE_S);
+        }
+    }
+    assert!(
+        (drives.passed_on_m_s() - 0.2).abs() < 1e-3,
+        "{}",
+        drives.passed_on_m_s()
+    );
+}
