@@ -12,8 +12,8 @@ use sidehill_controller::mpc::{CscMatrix, Mpc, Point, QpData};
 pub struct Qp {
     data: QpData,
     point: Point,
-    /// Values of A, B and c of the stages, row by row.
-    linearised: [Vec<f64>; 3],
+    /// Values of A and B of the stages, row by row.
+    linearised: [Vec<f64>; 2],
     stages: usize,
 }
 
@@ -21,18 +21,17 @@ impl Qp {
     /// Returns the QP that `mpc` solved last.
     pub fn of(mpc: &Mpc) -> Self {
         let (data, point) = mpc.qp();
-        let mut linearised = [Vec::new(), Vec::new(), Vec::new()];
-        for (step, defect) in mpc.linearised_stages() {
+        let mut linearised = [Vec::new(), Vec::new()];
+        for step in mpc.linearised_stages() {
             let (yaw, traction, steer) = (step.by_yaw, step.by_traction, step.by_steer);
-            let [a, b, c] = &mut linearised;
+            let [a, b] = &mut linearised;
             a.extend([1.0, 0.0, yaw.x, 0.0, 1.0, yaw.y, 0.0, 0.0, 1.0 + yaw.z]);
             b.extend((0..3).flat_map(|i| [traction[i], steer[i]]));
-            c.extend_from_slice(defect.as_slice());
         }
         Self {
             data: data.clone(),
             point: point.clone(),
-            stages: mpc.linearised_stages().count(),
+            stages: mpc.linearised_stages().len(),
             linearised,
         }
     }
@@ -117,10 +116,11 @@ impl Qp {
         PyArray1::from_slice(py, &self.linearised[1]).reshape([self.stages, 3, 2])
     }
 
-    /// c of each stage, where its step about the plan ends less the plan's next state: array of shape (N, 3).
+    /// c of each stage, where its step about the plan ends less the plan's next state: array of shape (N, 3). It is zero, as
+    /// the plan's states are those where the steps end.
     #[getter]
     fn stages_c<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        PyArray1::from_slice(py, &self.linearised[2]).reshape([self.stages, 3])
+        Ok(PyArray2::zeros(py, [self.stages, 3], false))
     }
 
     fn __repr__(&self) -> String {

@@ -3,7 +3,7 @@
 //! Direct multiple shooting about a plan (x_k, u_k), k = 0..N, with deviations xi and du:
 //!
 //! ```text
-//! xi_{k+1} = A_k xi_k + B_k du_k + c_k,   c_k = F(x_k, u_k) - x_{k+1},   xi_0 = 0
+//! xi_{k+1} = A_k xi_k + B_k du_k,   xi_0 = 0
 //! cost = sum_k  w_along a_k^2 + w_cross n_k^2 + w_heading h_k^2 + w_speed s_k^2
 //!        +  sum_k  r |u_k - u_{k-1}|^2 + d |du_k|^2
 //! ```
@@ -33,8 +33,6 @@ use sidehill_plant::speeds::MotorSpeeds;
 pub struct Stage {
     /// Increment and sensitivities of the stage's step about the plan.
     pub step: LinearisedStep,
-    /// c_k: where the step ends, less the plan's next state.
-    pub defect: Vector3<f64>,
     /// Plan's next tracked point less the reference, x and y in m, and heading less the one asked for there, rad.
     pub error: Vector3<f64>,
     /// Derivative of the tracked point's (x, y) by the heading, m/rad; zero of the origin.
@@ -121,7 +119,7 @@ pub struct Condenser {
     cost_scale: f64,
     /// The input in force, of the last QP.
     previous: MotorSpeeds,
-    /// Rows of d(x, y, yaw)/d(block's variables), then the constant, reused by every block.
+    /// Rows of d(x, y, yaw)/d(block's variables), reused by every block.
     jacobian: [Vec<f64>; 3],
     along: Vec<f64>,
     cross: Vec<f64>,
@@ -156,12 +154,12 @@ impl Condenser {
             block_stages,
             cost_scale,
             previous: MotorSpeeds::STOP,
-            jacobian: std::array::from_fn(|_| vec![0.0; widest + 1]),
-            along: vec![0.0; widest + 1],
-            cross: vec![0.0; widest + 1],
-            heading: vec![0.0; widest + 1],
-            speed: vec![0.0; widest + 1],
-            hessian: vec![0.0; (widest + 1) * (widest + 1)],
+            jacobian: std::array::from_fn(|_| vec![0.0; widest]),
+            along: vec![0.0; widest],
+            cross: vec![0.0; widest],
+            heading: vec![0.0; widest],
+            speed: vec![0.0; widest],
+            hessian: vec![0.0; widest * widest],
         };
         (condenser, data)
     }
@@ -234,12 +232,10 @@ impl Condenser {
         for row in [&mut *x, &mut *y, &mut *yaw] {
             row.fill(0.0);
         }
-        // Entry `width` of each row is the constant of the affine map.
         if block.states == 3 {
             (x[0], y[1], yaw[2]) = (1.0, 1.0, 1.0);
         }
         self.hessian.fill(0.0);
-        let stride = width + 1;
         for stage_in_block in 0..block.stages {
             let stage = &stages[block.first_stage + stage_in_block];
             let used = block.input(stage_in_block);
@@ -261,17 +257,14 @@ impl Condenser {
                 y[used + offset] = by_input.y;
                 yaw[used + offset] = by_input.z;
             }
-            x[width] += stage.defect.x;
-            y[width] += stage.defect.y;
-            yaw[width] += stage.defect.z;
             if let Some(extra) = extra {
                 let k = block.first_stage + stage_in_block;
                 let lines = StageLines {
-                    states: [&x[..=width], &y[..=width], &yaw[..=width]],
+                    states: [x, y, yaw],
                     input: used,
                 };
                 let gradient = &mut data.q[block.first..];
-                let hessian = (&mut self.hessian[..], stride);
+                let hessian = (&mut self.hessian[..], width);
                 extra.add_cost(k, &lines, self.cost_scale, gradient, hessian);
                 self.extra_rows.write(k, extra, &lines, data);
             }
@@ -290,9 +283,8 @@ impl Condenser {
                 *cross = along_x * y - along_y * x + cross_by_yaw * yaw;
                 *heading = yaw - stage.curvature_per_m * *along;
             }
-            let error_along = self.along[width] + along_x * stage.error.x + along_y * stage.error.y;
-            let error_cross = self.cross[width] + along_x * stage.error.y - along_y * stage.error.x;
-            let error_heading = self.heading[width] + stage.error.z;
+            let error_along = along_x * stage.error.x + along_y * stage.error.y;
+            let error_cross = along_x * stage.error.y - along_y * stage.error.x;
             let scale = self.cost_scale;
             let w = &stage.weights;
             let (w_a, w_c, w_h, w_s) = (
@@ -301,7 +293,6 @@ impl Condenser {
                 scale * w.heading_per_rad2,
                 scale * w.speed_s2_per_m2,
             );
-            let error_speed = self.speed[width] + stage.speed_error;
             for column in 0..used {
                 let (a, c, h, s) = (
                     w_a * self.along[column],
@@ -310,8 +301,8 @@ impl Condenser {
                     w_s * self.speed[column],
                 );
                 data.q[block.first + column] +=
-                    a * error_along + c * error_cross + h * error_heading + s * error_speed;
-                let packed = &mut self.hessian[column * stride..column * stride + column + 1];
+                    a * error_along + c * error_cross + h * stage.error.z + s * stage.speed_error;
+                let packed = &mut self.hessian[column * width..column * width + column + 1];
                 let errors = self.along.iter().zip(&self.cross).zip(&self.heading);
                 let errors = errors.zip(&self.speed);
                 for (entry, (((along, cross), heading), speed)) in packed.iter_mut().zip(errors) {
@@ -322,7 +313,7 @@ impl Condenser {
         let mut entry = 0;
         for column in 0..width {
             for row in 0..=column {
-                data.p.nzval[block.hessian[entry]] = self.hessian[column * stride + row];
+                data.p.nzval[block.hessian[entry]] = self.hessian[column * width + row];
                 entry += 1;
             }
         }
@@ -331,7 +322,6 @@ impl Condenser {
                 for (column, value) in values.iter().enumerate().take(width) {
                     data.a.nzval[block.continuity[row * width + column]] = -value;
                 }
-                data.b[3 * index + row] = values[width];
             }
         }
     }

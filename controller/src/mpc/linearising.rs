@@ -117,7 +117,6 @@ impl Mpc {
             let weights = self.weights_of(k, target, error.state.z, horizon);
             self.stages.push(Stage {
                 step,
-                defect: state + step.increment - next,
                 error: error.state,
                 point_by_yaw_m: error.point_by_yaw_m,
                 along,

@@ -346,10 +346,9 @@ impl Mpc {
         (self.solver.data(), self.solver.point())
     }
 
-    /// Returns the step of each stage about the plan of the last cycle as it was before its QP was solved, and c_k, where
-    /// that step ends less the plan's next state.
-    pub fn linearised_stages(&self) -> impl Iterator<Item = (&LinearisedStep, &Vector3<f64>)> {
-        self.stages.iter().map(|stage| (&stage.step, &stage.defect))
+    /// Returns the step of each stage about the plan of the last cycle as it was before its QP was solved.
+    pub fn linearised_stages(&self) -> impl ExactSizeIterator<Item = &LinearisedStep> {
+        self.stages.iter().map(|stage| &stage.step)
     }
 
     /// Returns the prediction model, to be adapted.

@@ -102,9 +102,6 @@ impl Recursion {
         for (k, (terms, feedback)) in stages.iter().zip(&self.feedback).enumerate() {
             let inputs = feedback.inputs(&feedback.constants, &xi, &before);
             xi = forwards(terms, &xi, &inputs);
-            for (x, defect) in xi.iter_mut().zip(&terms.defect) {
-                *x += defect;
-            }
             optimum.states[k] = xi;
             optimum.inputs[k] = inputs;
             before = inputs;
@@ -272,10 +269,6 @@ fn backwards(
             *entry += weight;
         }
     }
-    // The slope by the state and the inputs at c.
-    for (slope, line) in slope.iter_mut().zip(&p) {
-        *slope += dot(&line[..3], &terms.defect);
-    }
     let ahead = [slope[0], slope[1], slope[2]];
     let mut m = [[0.0; ALL]; ALL];
     let mut h = [0.0; ALL];
@@ -295,7 +288,6 @@ fn backwards(
         let column: [f64; 3] = std::array::from_fn(|i| dot(&p[i][..3], by_input) + p[i][3 + j]);
         let turned = terms.back(column);
         for i in 0..3 {
-            m[i][STATES + j] = turned[i];
             m[STATES + j][i] = turned[i];
         }
         for l in 0..MOTORS {
@@ -307,7 +299,6 @@ fn backwards(
         m[STATES + j][STATES + j] += weight + terms.damping;
         m[3 + j][3 + j] = weight;
         m[STATES + j][3 + j] = -weight;
-        m[3 + j][STATES + j] = -weight;
         h[STATES + j] += weight * terms.change[j];
         h[3 + j] = -weight * terms.change[j];
     }

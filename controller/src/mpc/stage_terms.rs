@@ -1,7 +1,7 @@
 //! The QP of a horizon stage by stage, without condensing.
 //!
 //! ```text
-//! xi_{k+1} = A xi_k + B u_k + c,   A = I + a e_3',   xi_0 = 0,   u_{-1} = 0
+//! xi_{k+1} = A xi_k + B u_k,   A = I + a e_3',   xi_0 = 0,   u_{-1} = 0
 //! cost = sum_k  1/2 xi_{k+1}' Q xi_{k+1} + f' xi_{k+1}
 //!        + 1/2 sum_m [ r_m (u_k - u_{k-1} + o)_m^2  +  d_m (u_k)_m^2 ]
 //!        + 1/2 w (s' (e_3' xi_k, u_k) + t)^2
@@ -17,8 +17,6 @@ pub struct StageTerms {
     pub(super) by_yaw: [f64; 3],
     /// Columns of B, 1/(m/s).
     pub(super) by_input: [[f64; 3]; MOTORS],
-    /// c: where the step ends, less the plan.
-    pub(super) defect: [f64; 3],
     /// Q.
     pub(super) weight: [[f64; 3]; 3],
     /// f.
@@ -41,12 +39,13 @@ impl StageTerms {
     /// Numbers that the terms consist of.
     pub const COUNT: usize = 34;
 
-    /// Returns a, B by columns, c, Q, f, r, o, d, s, w, t.
+    /// Returns a, B by columns, three zeros, Q, f, r, o, d, s, w, t. The zeros were where a step ends, less the plan's next
+    /// state.
     pub fn to_array(&self) -> [f64; Self::COUNT] {
         let mut copy = *self;
         let mut all = [0.0; Self::COUNT];
-        for (to, from) in all.iter_mut().zip(copy.numbers()) {
-            *to = *from;
+        for (place, from) in Self::places().zip(copy.numbers()) {
+            all[place] = *from;
         }
         all
     }
@@ -54,10 +53,15 @@ impl StageTerms {
     /// Returns the terms of [`Self::to_array`]'s numbers; those that are missing are 0.
     pub fn from_numbers(numbers: &[f64]) -> Self {
         let mut terms = Self::default();
-        for (to, from) in terms.numbers().zip(numbers) {
-            *to = *from;
+        for (place, to) in Self::places().zip(terms.numbers()) {
+            *to = numbers.get(place).copied().unwrap_or(0.0);
         }
         terms
+    }
+
+    /// Returns where the numbers stand in the array.
+    fn places() -> impl Iterator<Item = usize> {
+        (0..9).chain(12..Self::COUNT)
     }
 
     fn numbers(&mut self) -> impl Iterator<Item = &mut f64> {
@@ -67,7 +71,6 @@ impl StageTerms {
             .chain(self.by_input.as_flattened_mut());
         let error = self.weight.as_flattened_mut().iter_mut();
         motion
-            .chain(&mut self.defect)
             .chain(error)
             .chain(&mut self.force)
             .chain(&mut self.change_weight)

@@ -408,7 +408,8 @@ class Qp:
         """B of each stage, d(x, y, yaw)+ / d(traction, steer): array of shape (N, 3, 2)."""
     @property
     def stages_c(self) -> _Floats:
-        """c of each stage, where its step about the plan ends less the plan's next state: array of shape (N, 3)."""
+        """c of each stage, where its step about the plan ends less the plan's next state: array of shape (N, 3). It is zero, as
+        the plan's states are those where the steps end."""
 
 @final
 class Controller:

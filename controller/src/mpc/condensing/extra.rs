@@ -7,7 +7,7 @@ use sidehill_plant::speeds::MotorSpeeds;
 
 /// How the deviations of a stage's z follow from the variables of its block.
 pub struct StageLines<'a> {
-    /// Rows of d(x, y, yaw)/d(variables), the constant last.
+    /// Rows of d(x, y, yaw)/d(variables).
     pub states: [&'a [f64]; 3],
     /// The stage's traction among the variables, before its steer.
     pub input: usize,
@@ -25,12 +25,6 @@ impl StageLines<'_> {
         let unit = |input| f64::from(u8::from(variable == input));
         [x, y, yaw, unit(self.input), unit(self.input + 1)]
     }
-
-    /// Returns the deviation of z where all variables are 0.
-    fn constants(&self) -> [f64; EXTRA_SIZE] {
-        let [x, y, yaw] = self.states.map(|line| line[line.len() - 1]);
-        [x, y, yaw, 0.0, 0.0]
-    }
 }
 
 /// Extra terms about a plan.
@@ -45,11 +39,9 @@ pub struct PlannedExtra<'a> {
 
 impl PlannedExtra<'_> {
     /// Returns z of a stage where all variables are 0.
-    fn values(&self, stage: usize, lines: &StageLines<'_>) -> [f64; EXTRA_SIZE] {
+    fn values(&self, stage: usize) -> [f64; EXTRA_SIZE] {
         let Self { states, inputs, .. } = self;
-        let z = values(&states[stage + 1], inputs[stage], states[0].z);
-        let constants = lines.constants();
-        std::array::from_fn(|i| z[i] + constants[i])
+        values(&states[stage + 1], inputs[stage], states[0].z)
     }
 
     /// Adds the cost of a stage, times `scale`, to the gradient of its block and the upper triangle of the block's Hessian,
@@ -63,7 +55,7 @@ impl PlannedExtra<'_> {
         (hessian, stride): (&mut [f64], usize),
     ) {
         let weight = self.terms.weight(stage);
-        let pull = product(weight, &self.terms.error(stage, &self.values(stage, lines)));
+        let pull = product(weight, &self.terms.error(stage, &self.values(stage)));
         for column in 0..lines.used() {
             let by = lines.by(column);
             gradient[column] += scale * dot(&by, &pull);
@@ -106,7 +98,7 @@ impl ExtraRows {
         lines: &StageLines<'_>,
         data: &mut QpData,
     ) {
-        let z = extra.values(stage, lines);
+        let z = extra.values(stage);
         let rows = extra.terms.rows(stage);
         let mut row = 2 * stage * rows.len();
         let mut places = self.places[stage].iter();

@@ -30,7 +30,6 @@ impl Stage {
         let mut terms = StageTerms {
             by_yaw: step.by_yaw.into(),
             by_input: [step.by_traction.into(), step.by_steer.into()],
-            defect: self.defect.into(),
             change_weight: [
                 scale * self.change_weights.traction,
                 scale * self.change_weights.steer,

@@ -5,7 +5,7 @@ use super::*;
 
 /// A stage of no vehicle in particular.
 pub fn stage() -> impl Strategy<Value = Stage> {
-    prop::collection::vec(0.0..1.0_f64, 36).prop_map(|u| {
+    prop::collection::vec(0.0..1.0_f64, 33).prop_map(|u| {
         let mut next = u.into_iter();
         let mut within = |low: f64, high: f64| low + (high - low) * next.next().unwrap();
         let mut vector = |size: f64| {
@@ -21,12 +21,11 @@ pub fn stage() -> impl Strategy<Value = Stage> {
             by_traction: vector(0.2),
             by_steer: vector(0.2),
         };
-        let (defect, error) = (vector(0.02), vector(0.3));
+        let error = vector(0.3);
         let heading = within(-4.0, 4.0);
         Stage {
             point_by_yaw_m: (within(-0.6, 0.6), within(-0.6, 0.6)),
             step,
-            defect,
             error,
             along: (-heading.sin(), heading.cos()),
             curvature_per_m: within(-1.0, 1.0),

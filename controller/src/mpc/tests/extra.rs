@@ -37,32 +37,43 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 /// Full turns of the heading in which plans of these tests begin.
 const TURNS_RAD: f64 = 3.0 * TAU;
 
-/// Returns the QP's variables and z of each stage where the planned inputs are corrected by `corrections`.
-fn corrected(
-    stages: &[Stage],
-    plan: &Plan,
-    corrections: &[[f64; 2]],
-    block_stages: usize,
-) -> (Vec<f64>, Vec<[f64; EXTRA_SIZE]>) {
-    let (mut primal, mut all, mut xi) = (Vec::new(), Vec::new(), Vector3::zeros());
-    for (k, (stage, [traction, steer])) in stages.iter().zip(corrections).enumerate() {
-        if k > 0 && k % block_stages == 0 {
-            primal.extend(xi.iter());
-        }
-        primal.extend([traction, steer]);
+/// Returns how the states at the stages' ends change where the planned inputs are corrected by `corrections`.
+fn moved(stages: &[Stage], corrections: &[[f64; 2]]) -> Vec<Vector3<f64>> {
+    let mut xi = Vector3::zeros();
+    let moved = stages.iter().zip(corrections).map(|(stage, own)| {
         let step = &stage.step;
-        let inputs = step.by_traction * *traction + step.by_steer * *steer;
-        xi += step.by_yaw * xi.z + inputs + stage.defect;
+        xi += step.by_yaw * xi.z + step.by_traction * own[0] + step.by_steer * own[1];
+        xi
+    });
+    moved.collect()
+}
+
+/// Returns the QP's variables of these corrections.
+pub fn primal_of(stages: &[Stage], corrections: &[[f64; 2]], block_stages: usize) -> Vec<f64> {
+    let (mut primal, states) = (Vec::new(), moved(stages, corrections));
+    for (k, own) in corrections.iter().enumerate() {
+        if k > 0 && k % block_stages == 0 {
+            primal.extend(states[k - 1].iter());
+        }
+        primal.extend(own);
+    }
+    primal
+}
+
+/// Returns z of each stage of a plan with these corrections.
+fn corrected(stages: &[Stage], plan: &Plan, corrections: &[[f64; 2]]) -> Vec<[f64; EXTRA_SIZE]> {
+    let moved = moved(stages, corrections).into_iter().enumerate();
+    let all = moved.zip(corrections).map(|((k, xi), [traction, steer])| {
         let (state, input) = (plan.states[k + 1] + xi, plan.inputs[k]);
-        all.push([
+        [
             state.x,
             state.y,
             state.z - TURNS_RAD,
             input.traction_m_s + traction,
             input.steer_m_s + steer,
-        ]);
-    }
-    (primal, all)
+        ]
+    });
+    all.collect()
 }
 
 proptest! {
@@ -83,7 +94,9 @@ proptest! {
             let [.., traction, steer] = numbers[5 * k + 1];
             corrections[1].push([traction, steer]);
         }
-        let points = corrections.map(|own| corrected(&stages, &plan, &own, block_stages));
+        let points = corrections.map(|own| {
+            (primal_of(&stages, &own, block_stages), corrected(&stages, &plan, &own))
+        });
         let (mut costs, mut rows) = (Vec::new(), Vec::new());
         for k in 0..stages.len() {
             let mut cost = along(3.0, numbers[5 * k + 2], numbers[5 * k + 3]);
@@ -332,6 +345,29 @@ fn a_row_that_binds_is_held_and_its_steps_are_taken() {
 }
 
 #[test]
+fn a_violation_costs_twice_what_room_for_the_row_that_presses_most_is_worth() {
+    let (free, _) = settled(None, StepLimit::default());
+    let wide = row(X, f64::NEG_INFINITY, f64::INFINITY);
+    let high = free.plan.states[31].x - 0.2;
+    let held = |high: f64| {
+        let mut rows = vec![wide; 40];
+        rows[30].high = high;
+        let (mpc, horizon) = settled(
+            Some(ExtraTerms::new(vec![NO_COST; 40], rows).unwrap()),
+            StepLimit::default(),
+        );
+        let cost = mpc.cost_of(&mpc.plan, &horizon);
+        // Of a state that is a metre too far.
+        let far = Vector3::new(high + 1.0, 0.0, 0.0);
+        let price = mpc.extra.unwrap().cost(30, 0.0, &far, MotorSpeeds::STOP);
+        (cost, price)
+    };
+    let (_, price) = held(high);
+    let worth = (held(high - 1e-3).0 - held(high + 1e-3).0) / 2e-3;
+    assert!((price / worth - 2.0).abs() < 0.02, "{price} {worth}");
+}
+
+#[test]
 fn rows_that_no_plan_meets_end_in_a_failure_that_leaves_the_plan() {
     let mut course = Course::new();
     let mut mpc = mpc(settings(40, 5));
@@ -422,6 +458,16 @@ fn terms_that_are_wrong_are_refused_with_their_stage() {
     );
     assert!(rows(&[good; 3]).starts_with("rows: 3 for 2 stages"));
     assert!(rows(&[good; 18]).starts_with("rows: 18 for 2 stages"));
+    // What rounding explains is taken, and that depends on the size of the weights.
+    for size in [1e-6, 1.0, 1e6] {
+        let terms = |asymmetry: f64| {
+            let mut cost = along(size, Y, [0.0; EXTRA_SIZE]);
+            (cost.weight[0][0], cost.weight[0][1]) = (size, asymmetry * size);
+            ExtraTerms::new(vec![cost; 3], Vec::new()).map(|terms| terms.costs() == [cost; 3])
+        };
+        assert_eq!(terms(1e-10), Ok(true));
+        assert_eq!(terms(1e-8), Err(ExtraError::Asymmetric { stage: 0 }));
+    }
     let mut mpc = mpc(settings(40, 5));
     let of_three = ExtraTerms::new(vec![NO_COST; 3], Vec::new()).unwrap();
     assert_eq!(

@@ -3,6 +3,7 @@
 use super::condensed::stage;
 use super::*;
 use crate::mpc::recursion::{InputRule, PlanFeedback, Recursion};
+use crate::mpc::stage_terms::dot;
 
 proptest! {
     #[test]
@@ -13,7 +14,7 @@ proptest! {
         let mut terms: Vec<_> = stages
             .iter()
             .map(|stage| {
-                let optimal = Stage { error: Vector3::zeros(), defect: Vector3::zeros(), speed_error: 0.0, ..*stage };
+                let optimal = Stage { error: Vector3::zeros(), speed_error: 0.0, ..*stage };
                 optimal.terms([0.0; 2], 1.0)
             })
             .collect();
@@ -21,7 +22,7 @@ proptest! {
         feedback.find(terms.iter().map(|terms| (*terms, None))).unwrap();
         let answer: Vec<_> = feedback.answer(start).collect();
 
-        // A QP's deviations begin with 0: the change is in what the first stage adds.
+        // A QP's deviations begin with 0: the way that the change takes by itself is in the errors.
         let moved = |from: &[f64; 3], k: usize, inputs: &[f64; 2]| -> [f64; 3] {
             std::array::from_fn(|i| {
                 from[i] + stages[k].step.by_yaw[i] * from[2]
@@ -29,8 +30,12 @@ proptest! {
                     + stages[k].step.by_steer[i] * inputs[1]
             })
         };
-        terms[0].defect = moved(&start, 0, &[0.0; 2]);
-        terms[0].speed_error = stages[0].speed_row[0] * start[2];
+        let mut alone = start;
+        for (k, terms) in terms.iter_mut().enumerate() {
+            terms.speed_error = stages[k].speed_row[0] * alone[2];
+            alone = moved(&alone, k, &[0.0; 2]);
+            terms.force = terms.weight.map(|line| dot(&line, &alone));
+        }
         let mut qp = Recursion::new(8);
         qp.solve(&terms, &[[InputRule::Free; 2]; 8], 7).unwrap();
         let mut state = start;

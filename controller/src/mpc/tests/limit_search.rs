@@ -1,9 +1,11 @@
 //! The search stage by stage finds what the interior-point method finds.
 
 use super::condensed::stage;
+use super::extra::primal_of;
 use super::*;
 use crate::mpc::clarabel_qp::SolveLimits;
 use crate::mpc::limit_search::LimitSearch;
+use crate::mpc::recursion::{InputRule, Recursion};
 use crate::mpc::rows::Rows;
 
 /// Returns the QP of `stages` in which only bounds and changes limit the inputs.
@@ -47,6 +49,37 @@ fn assert_found(stages: &[Stage], mut members: Vec<bool>) {
 
 proptest! {
     #[test]
+    fn the_recursion_has_the_cost_of_the_qp_and_its_slopes(
+        stages in prop::collection::vec(stage(), 1..12),
+        inputs in prop::collection::vec(prop::array::uniform2(-0.5..0.5_f64), 12),
+        moved in 0..12_usize,
+    ) {
+        let (count, (_, data)) = (stages.len(), qp(&stages));
+        let mut recursion = Recursion::new(count);
+        let mut solved = |inputs: &[[f64; 2]]| {
+            let rules: Vec<_> = inputs.iter().map(|own| own.map(InputRule::Fixed)).collect();
+            let cost = recursion.solve(&data.stages, &rules, count - 1).unwrap();
+            (cost, recursion.optimum.slopes.clone())
+        };
+        let inputs = &inputs[..count];
+        let (cost, slopes) = solved(inputs);
+        let expected = data.cost(&primal_of(&stages, inputs, 5));
+        let found = cost - solved(&vec![[0.0; 2]; count]).0;
+        prop_assert!((found - expected).abs() < 1e-9 * (1.0 + expected.abs()), "{} {}", found, expected);
+        let stage = moved % count;
+        for motor in 0..2 {
+            // The difference of a parabola is exact.
+            let mut by = |step: f64| {
+                let mut inputs = inputs.to_vec();
+                inputs[stage][motor] += step;
+                solved(&inputs).0
+            };
+            let (found, expected) = (slopes[stage][motor], by(0.5) - by(-0.5));
+            prop_assert!((found - expected).abs() < 1e-8 * (1.0 + cost.abs()), "{} {}", found, expected);
+        }
+    }
+
+    #[test]
     fn active_limits_are_found_from_nothing(stages in prop::collection::vec(stage(), 1..41)) {
         let rows = 8 * stages.len();
         assert_found(&stages, vec![false; rows]);
@@ -61,6 +94,31 @@ proptest! {
     ) {
         assert_found(&stages, guess);
     }
+}
+
+#[test]
+fn the_search_applies_where_bounds_and_changes_are_all_that_is_added() {
+    for (tread_speed_m_s, extra_rows, applies) in [
+        (2.0, None, true),
+        (1.3, None, false),
+        // Extra costs without rows.
+        (2.0, Some(0), false),
+        (2.0, Some(1), false),
+    ] {
+        let limits = input_limits(tread_speed_m_s);
+        let (_, data) = Condenser::new(3, 2, limits, extra_rows, COST_SCALE);
+        assert_eq!(LimitSearch::new(&data).is_some(), applies, "{extra_rows:?}");
+    }
+}
+
+#[test]
+fn the_terms_of_a_stage_are_those_of_their_numbers() {
+    let mut numbers: Vec<f64> = (1..=StageTerms::COUNT).map(|i| i as f64).collect();
+    numbers[9..12].fill(0.0);
+    let terms = StageTerms::from_numbers(&numbers);
+    assert_eq!(terms.to_array()[..], numbers);
+    assert_eq!(terms.by_input[1], [7.0, 8.0, 9.0]);
+    assert_eq!((terms.weight[0][0], terms.speed_error), (13.0, 34.0));
 }
 
 #[test]

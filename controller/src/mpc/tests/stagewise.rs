@@ -31,7 +31,7 @@ pub fn optimal_corrections(
                 row.push((state(k - 1, i), -1.0));
                 row.push((state(k - 1, 2), -step.by_yaw[i]));
             }
-            problem.equal(row, stage.defect[i]);
+            problem.equal(row, 0.0);
         }
     }
     for (k, stage) in stages.iter().enumerate() {
