@@ -347,7 +347,6 @@ fn build(data: &QpData, settings: DefaultSettings<f64>) -> Result<DefaultSolver<
         SupportedConeT::ZeroConeT(data.equalities),
         SupportedConeT::NonnegativeConeT(data.b.len() - data.equalities),
     ];
-    let cones = &cones[..if data.b.len() > data.equalities { 2 } else { 1 }];
-    DefaultSolver::new(&data.p, &data.q, &data.a, &data.b, cones, settings)
+    DefaultSolver::new(&data.p, &data.q, &data.a, &data.b, &cones, settings)
         .map_err(|_| QpFailure::Rejected)
 }

@@ -7,6 +7,7 @@ mod extra;
 mod feedback;
 mod first_plan;
 mod following;
+mod heading_excess;
 mod limit_search;
 mod limits;
 mod qp;
