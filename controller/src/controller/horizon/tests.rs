@@ -1,14 +1,17 @@
 #![allow(clippy::unwrap_used)]
 
+mod tracked_point;
+
 use super::super::walk::SUM_STEP_M;
 use super::*;
 use crate::config::{ControllerConfig, ControllerKind};
-use crate::course::{Course, Cusp, Slalom, Straight};
+use crate::course::{Circle, Course, Cusp, Pivot, Slalom, Straight, Turn};
 use crate::path::{Point2, Window};
 use crate::speed_profile::SpeedConfig;
 use sidehill_plant::frames::{Attitude, Pose};
 use sidehill_plant::sample::Stamped;
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
+use sidehill_plant::terrain::PlaneTerrain;
 use sidehill_plant::vehicle::Vehicle;
 
 /// Returns the readings of a vehicle that stands on level ground.
@@ -168,55 +171,6 @@ fn a_plan_is_held_to_the_begin_of_its_drive_while_it_is_behind() {
 }
 
 #[test]
-fn rounds_between_the_headings_of_vehicle_and_path_turn_no_target_of_a_tracked_point() {
-    let course = Course::Slalom(Slalom::default());
-    for forward_m in [0.4, -0.4] {
-        let turns_rad = |rounds: f64| -> Vec<f64> {
-            let mut controller = following(ControllerKind::IcrikMpc, &course, 0.0, 0, start);
-            controller.config.tracked_point.forward_m = forward_m;
-            let mut pose = start(controller.reference.as_ref().unwrap());
-            pose.yaw_rad += rounds * std::f64::consts::TAU;
-            see(&mut controller, &pose, 0..1);
-            let targets = controller.horizon.targets.iter();
-            targets
-                .map(|target| target.pose.yaw_rad - pose.yaw_rad)
-                .collect()
-        };
-        let same = turns_rad(0.0);
-        assert_eq!(same.len(), ControllerConfig::default().stages);
-        for rounds in [-1.0, 2.0] {
-            for (turn_rad, same_rad) in turns_rad(rounds).iter().zip(&same) {
-                assert!((turn_rad - same_rad).abs() < 1e-9, "{forward_m} {rounds}");
-            }
-        }
-    }
-}
-
-#[test]
-fn a_body_that_leads_its_tracked_point_is_held_to_its_heading_where_the_horizon_ends() {
-    let course = Course::Slalom(Slalom::default());
-    let heading_weights = |forward_m: f64| -> Vec<f64> {
-        let mut controller = following(ControllerKind::ContactMpc, &course, 3.0, 0, |reference| {
-            reference.path().unwrap().at(3.0).pose()
-        });
-        controller.config.tracked_point.forward_m = forward_m;
-        let pose = controller.reference.as_ref().unwrap().ahead(0.0).pose();
-        see(&mut controller, &pose, 0..1);
-        let targets = controller.horizon.targets.iter();
-        targets
-            .map(|target| target.weights.heading_per_rad2)
-            .collect()
-    };
-    let same = |weights: &[f64]| weights.windows(2).all(|pair| pair[0] == pair[1]);
-    assert!(same(&heading_weights(0.4)));
-    let led = heading_weights(-0.4);
-    let (end, others) = led.split_last().unwrap();
-    assert!(same(others));
-    // As an error across the path of the distance that the point is behind the ICRs, for each rad.
-    assert!(*end > 40.0 * 50.0 * 0.4 * 0.4, "{end}");
-}
-
-#[test]
 fn the_price_of_speed_grows_while_the_vehicle_waits_and_falls_when_it_moves_on() {
     let course = Course::Straight(Straight::default());
     let mut controller = following(ControllerKind::IcrikMpc, &course, 0.0, 1, start);
@@ -267,5 +221,201 @@ fn the_stages_stretch_until_the_horizon_is_long_enough_for_a_turn() {
             (found_s - wanted_s).abs() < room_s,
             "{speed_m_s}: {found_s} {wanted_s}"
         );
+    }
+}
+
+/// Returns a circle to the left at 0.5 m/s.
+fn circle(radius_m: f64) -> Course {
+    Course::Circle(Circle {
+        radius_m,
+        speed_m_s: 0.5,
+        turn: Turn::Left,
+        ..Circle::default()
+    })
+}
+
+#[test]
+fn only_a_vehicle_that_is_slower_than_its_motors_let_it_be_waits() {
+    let mut controller = following(ControllerKind::IcrikMpc, &circle(2.0), 0.0, 1, start);
+    let mut limits = controller.config.limits;
+    limits.steer.speed_m_s = 0.1;
+    let speeds = SpeedsNow::new(&limits, controller.horizon.half_track_m);
+    let most_m_s = speeds.at(0.5);
+    assert!((0.05..0.25).contains(&most_m_s), "{most_m_s}");
+    let point = controller.reference.as_ref().unwrap().ahead(0.0);
+    let mut progress = Progress {
+        point,
+        arc_length_m: 1.0,
+        cross_track_m: 0.0,
+        ended: false,
+    };
+    // Half of what it can is enough.
+    for (share, waits) in [(0.51, false), (0.25, true)] {
+        for _ in 0..40 {
+            progress.arc_length_m += share * most_m_s * 0.05;
+            controller.wait(&progress, &speeds, 0.05);
+        }
+        assert_eq!(controller.waited_s > 0.5, waits, "{}", controller.waited_s);
+        assert!(waits || controller.waited_s < 1e-9);
+    }
+    // A vehicle that is found elsewhere begins anew; one that is moved back by less does not.
+    progress.arc_length_m -= 0.9;
+    controller.wait(&progress, &speeds, 0.05);
+    assert!(controller.waited_s > 0.5);
+    for elsewhere_m in [-1.1, 1.1] {
+        controller.waited_s = 3.0;
+        progress.arc_length_m += elsewhere_m;
+        controller.wait(&progress, &speeds, 0.05);
+        assert_eq!(controller.waited_s, 0.0);
+    }
+}
+
+#[test]
+fn stretches_follow_the_track_width_and_change_by_little_between_cycles() {
+    let straight = |speed_m_s| {
+        let course = Course::Straight(Straight {
+            length_m: 40.0,
+            speed_m_s,
+            ..Straight::default()
+        });
+        following(ControllerKind::IcrikMpc, &course, 5.0, 1, |reference| {
+            reference.path().unwrap().at(5.0).pose()
+        })
+    };
+    let stretch = |controller: &Controller| {
+        controller.stretch(controller.mpc().unwrap(), controller.speed_limits())
+    };
+    for half_track_m in [0.5, 0.8] {
+        let mut controller = straight(0.05);
+        controller.discard_plan();
+        controller.horizon.half_track_m = half_track_m;
+        let found_s = stretch(&controller) * controller.mpc().unwrap().stage_times().whole_s();
+        let wanted_s = LENGTH_MIN * half_track_m / 0.05;
+        let room_s = 2.0 * SUM_STEP_M / 0.05;
+        assert!((found_s - wanted_s).abs() < room_s, "{found_s} {wanted_s}");
+    }
+    for (speed_m_s, factor) in [(0.8, 1.0 / 1.05), (0.04, 1.05)] {
+        let mut controller = straight(speed_m_s);
+        for now in [2.0, 4.0] {
+            let Law::Mpc(mpc) = &mut controller.law else {
+                unreachable!()
+            };
+            mpc.move_on(0.0, now, &Vector3::z());
+            let ratio = stretch(&controller) / now;
+            assert!((ratio - factor).abs() < 1e-9, "{speed_m_s} {now}: {ratio}");
+        }
+    }
+}
+
+#[test]
+fn changes_cost_more_in_longer_stages_and_those_of_steer_less_beside_the_path() {
+    let course = Course::Straight(Straight {
+        length_m: 30.0,
+        speed_m_s: 0.1,
+        ..Straight::default()
+    });
+    for (kind, beside_m, factor) in [
+        (ControllerKind::IcrikMpc, 0.0, 1.0),
+        (ControllerKind::IcrikMpc, 0.05, 1.0),
+        (ControllerKind::ContactMpc, 0.0, 2.5),
+        // Half way between 2.5 and 0.25.
+        (ControllerKind::ContactMpc, 0.05, 1.375),
+    ] {
+        let beside = |reference: &Reference| {
+            let start = start(reference);
+            PlanarPose {
+                x_m: start.x_m + beside_m,
+                ..start
+            }
+        };
+        let controller = following(kind, &course, 0.0, 1, beside);
+        let own = controller.config.weights.changes();
+        let weights = controller.horizon.change_weights;
+        let longer = controller.mpc().unwrap().stage_times().stretch().powi(3);
+        assert!(longer > 2.0, "{longer}");
+        assert!((weights.traction / (longer * own.traction) - 1.0).abs() < 1e-9);
+        let found = weights.steer / (longer * own.steer);
+        assert!(
+            (found - factor).abs() < 0.01,
+            "{kind:?} {beside_m}: {found}"
+        );
+    }
+}
+
+#[test]
+fn what_was_waited_and_what_is_not_known_change_price_and_speed() {
+    for (waited_s, factor) in [(0.0, 1.0), (1.0, 1.0), (2.0, 25.0), (6.0, 441.0)] {
+        assert!((pressing(waited_s) - factor).abs() < 1e-9);
+    }
+    for (uncertainty, share) in [
+        (0.0, 1.0),
+        (0.5, 1.0),
+        (0.875, 0.5),
+        (1.0, 1.0 / 3.0),
+        (2.0, 1.0 / 3.0),
+    ] {
+        assert!((certain_share(uncertainty) - share).abs() < 1e-9);
+    }
+    let course = Course::Straight(Straight::default());
+    let controller = following(ControllerKind::IcrikMpc, &course, 3.0, 20, |reference| {
+        reference.path().unwrap().at(3.0).pose()
+    });
+    let pose = controller
+        .reference
+        .as_ref()
+        .unwrap()
+        .path()
+        .unwrap()
+        .at(3.0)
+        .pose();
+    let sample = sample(20.0 * controller.config.period_s, &pose);
+    let bound_m = controller
+        .clone()
+        .step(&sample, None)
+        .cross_track_bound_m()
+        .unwrap();
+    let speed_m_s = |largest_m: f64| {
+        let mut controller = controller.clone();
+        controller.config.supervisor.cross_track_uncertainty_max_m = largest_m;
+        controller.step(&sample, None);
+        let targets = controller.horizon.targets.iter();
+        targets.fold(0.0_f64, |m, target| m.max(target.speed_m_s))
+    };
+    let share = speed_m_s(bound_m / 0.875) / speed_m_s(100.0 * bound_m);
+    assert!((share - 0.5).abs() < 0.01, "{share}");
+}
+
+#[test]
+fn the_ground_ahead_is_that_of_the_map_where_it_is_to_be_looked_at() {
+    let course = Course::Straight(Straight::default());
+    for preview in [AttitudePreview::Terrain, AttitudePreview::Measured] {
+        let mut controller = following(ControllerKind::IcrikMpc, &course, 0.0, 0, start)
+            .with_terrain(Terrain::Plane(PlaneTerrain::new(10.0, 0.0).unwrap()));
+        controller.config.attitude_preview = preview;
+        let pose = start(controller.reference.as_ref().unwrap());
+        see(&mut controller, &pose, 0..1);
+        for target in &controller.horizon.targets {
+            let slope_deg = target.normal_in_world.z.acos().to_degrees();
+            let looks = preview == AttitudePreview::Terrain;
+            assert!((slope_deg - if looks { 10.0 } else { 0.0 }).abs() < 1e-6);
+        }
+    }
+}
+
+#[test]
+fn rounds_of_the_heading_change_nothing_on_a_turn_on_the_spot() {
+    let course = Course::Pivot(Pivot::default());
+    let mut controller = following(ControllerKind::IcrikMpc, &course, 0.0, 5, start);
+    let mut pose = start(controller.reference.as_ref().unwrap());
+    let turns = |controller: &Controller| -> Vec<f64> {
+        let targets = controller.horizon.targets.iter();
+        targets.map(|target| target.pose.yaw_rad).collect()
+    };
+    let mut twin = controller.clone();
+    see(&mut twin, &pose, 5..10);
+    pose.yaw_rad += std::f64::consts::TAU;
+    see(&mut controller, &pose, 5..10);
+    for (own, expected) in turns(&controller).iter().zip(turns(&twin)) {
+        assert!(wrap_angle(own - expected).abs() < 1e-9, "{own} {expected}");
     }
 }
