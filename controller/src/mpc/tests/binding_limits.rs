@@ -1,6 +1,7 @@
 //! The MPC where limits bind.
 
 use super::closed_loop::*;
+use super::condensed::any_stage;
 use super::*;
 
 /// The 8 with limits that bind: little speed to spare, and a vehicle that is pushed.
@@ -144,5 +145,40 @@ fn a_previous_input_out_of_bounds_does_not_make_the_qp_infeasible() {
         let first = mpc.plan().unwrap().inputs[0];
         assert!((reached.traction_m_s - first.traction_m_s).abs() < 1e-3);
         assert!((reached.steer_m_s - first.steer_m_s).abs() < 1e-3);
+    }
+}
+
+#[test]
+fn what_is_too_fast_for_the_treads_is_followed_as_far_as_they_can() {
+    let wide = Change {
+        fall: 2.0,
+        rise: 2.0,
+    };
+    let stage = Stage {
+        input: motors(0.1, 0.1),
+        traction_change: wide,
+        steer_change: wide,
+        ..any_stage()
+    };
+    let (mut condenser, mut data) = Condenser::new(1, 1, input_limits(1.3), None, COST_SCALE);
+    // The treads' speed of these is 0.5 m/s before and 1.6 m/s wanted; they can do 8/11 of the way.
+    for (before, wanted, reached) in [
+        ((0.3, 0.2), (0.9, 0.7), (0.3 + 4.8 / 11.0, 0.2 + 4.0 / 11.0)),
+        (
+            (-0.3, 0.2),
+            (-0.9, 0.7),
+            (-0.3 - 4.8 / 11.0, 0.2 + 4.0 / 11.0),
+        ),
+        ((0.3, 0.2), (0.7, 0.5), (0.7, 0.5)),
+    ] {
+        condenser.assemble(&[stage], motors(before.0, before.1), None, &mut data);
+        let mut primal = vec![wanted.0 - 0.1, wanted.1 - 0.1];
+        condenser.make_feasible(&[stage], &data, &mut primal);
+        let (traction, steer) = (primal[0] + 0.1, primal[1] + 0.1);
+        assert!(
+            (traction - reached.0).abs() < 1e-12,
+            "{traction} {reached:?}"
+        );
+        assert!((steer - reached.1).abs() < 1e-12, "{steer} {reached:?}");
     }
 }

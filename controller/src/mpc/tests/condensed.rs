@@ -55,6 +55,12 @@ pub fn stage() -> impl Strategy<Value = Stage> {
     })
 }
 
+/// One of these stages.
+pub fn any_stage() -> Stage {
+    let mut runner = proptest::test_runner::TestRunner::deterministic();
+    proptest::strategy::ValueTree::current(&stage().new_tree(&mut runner).unwrap())
+}
+
 /// Asserts that condensed and stage-wise problem have the same optimum.
 pub fn assert_same_optimum(
     stages: &[Stage],

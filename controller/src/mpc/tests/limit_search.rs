@@ -96,6 +96,28 @@ proptest! {
     }
 }
 
+proptest! {
+    #[test]
+    fn a_search_that_begins_with_the_active_limits_needs_one_recursion(
+        stages in prop::collection::vec(stage(), 1..41),
+    ) {
+        let (_, data) = qp(&stages);
+        let (rows, limits) = (Rows::new(&data), SolveLimits::new(1));
+        let nothing = vec![false; 8 * stages.len()];
+        let mut members = nothing.clone();
+        let mut search = LimitSearch::new(&data).unwrap();
+        prop_assume!(search.find(&data, &rows, &mut members, &limits) == Ok(true));
+        let (active, from_nothing) = (members.clone(), search.systems());
+        prop_assert_eq!(search.find(&data, &rows, &mut members, &limits), Ok(true));
+        prop_assert_eq!(search.systems(), 1);
+        prop_assert_eq!(&members, &active);
+        // One that was active in the QP before does not count.
+        members.clone_from(&nothing);
+        prop_assert_eq!(search.find(&data, &rows, &mut members, &limits), Ok(true));
+        prop_assert_eq!(search.systems(), from_nothing);
+    }
+}
+
 #[test]
 fn the_search_applies_where_bounds_and_changes_are_all_that_is_added() {
     for (tread_speed_m_s, extra_rows, applies) in [
