@@ -73,3 +73,65 @@ impl IssuedCommands {
         commands.filter(|(_, time_s)| *time_s > 0.0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn speed(traction_m_s: f64) -> MotorSpeeds {
+        MotorSpeeds {
+            traction_m_s,
+            steer_m_s: 0.1 * traction_m_s,
+        }
+    }
+
+    /// Commands of 1, 2, 3 m/s from 0 s, 0.25 s and 0.5 s on.
+    fn three() -> IssuedCommands {
+        let mut issued = IssuedCommands::new(0.25);
+        for count in 1..=3 {
+            issued.push(0.25 * f64::from(count - 1), speed(f64::from(count)));
+        }
+        issued
+    }
+
+    #[test]
+    fn a_command_is_in_force_until_the_next() {
+        let issued = three();
+        for (time_s, command) in [
+            (-0.1, None),
+            (0.0, Some(speed(1.0))),
+            (0.24, Some(speed(1.0))),
+            (0.25, Some(speed(2.0))),
+            (9.0, Some(speed(3.0))),
+        ] {
+            assert_eq!(issued.at(time_s), command, "{time_s}");
+        }
+        let between = |begin_s, end_s| issued.between(begin_s, end_s).collect::<Vec<_>>();
+        assert_eq!(
+            between(0.125, 1.0),
+            [(speed(1.0), 0.125), (speed(2.0), 0.25), (speed(3.0), 0.5)]
+        );
+        assert_eq!(
+            between(0.25, 0.75),
+            [(speed(2.0), 0.25), (speed(3.0), 0.25)]
+        );
+    }
+
+    #[test]
+    fn the_commands_of_a_second_are_kept_unless_the_vehicle_stands_and_begins_anew() {
+        let mut issued = three();
+        for count in 4..=8 {
+            issued.push(0.25 * f64::from(count - 1), speed(f64::from(count)));
+        }
+        assert_eq!(issued.at(0.2), None);
+        assert_eq!(issued.at(0.7), Some(speed(3.0)));
+        issued.restart();
+        assert_eq!(
+            (issued.last(), issued.at(0.7)),
+            (speed(8.0), Some(speed(3.0)))
+        );
+        issued.push(2.0, MotorSpeeds::STOP);
+        issued.restart();
+        assert_eq!((issued.last(), issued.at(2.0)), (MotorSpeeds::STOP, None));
+    }
+}

@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, Rotation3, Vector3};
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::sample::Sample;
 use sidehill_plant::slip_gains::Terms;
-use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::speeds::{MotorSpeeds, TreadSpeeds};
 
 impl Controller {
     /// Returns everything that was learned, to be kept; none where memory is off.
@@ -105,8 +105,8 @@ impl Controller {
         });
         let Some(pose) = &sample.pose else { return };
         let planar = pose.value.planar();
-        let moving = estimate.treads.left_m_s != 0.0 || estimate.treads.right_m_s != 0.0;
-        if !moving || estimate.poses_gated > 0 {
+        let stands = estimate.treads == TreadSpeeds::default();
+        if stands || estimate.poses_gated > 0 {
             return;
         }
         if !(planar.x_m.is_finite() && planar.y_m.is_finite() && planar.yaw_rad.is_finite()) {

@@ -11,6 +11,7 @@ mod endurance;
 mod extra;
 mod following;
 mod guard;
+mod memory;
 mod path;
 mod poses;
 mod repeat;

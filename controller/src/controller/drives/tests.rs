@@ -185,6 +185,34 @@ fn a_limit_rises_slowly_while_the_motor_obeys_and_is_forgotten_where_nothing_is_
     assert_eq!((motor.limit_m_s, motor.asked_m_s), (0.6, 0.0));
 }
 
+#[test]
+fn a_limit_that_is_met_stays() {
+    let mut motor = Motor::new(1.0);
+    motor.limit_m_s = 0.205;
+    assert!(hold(&mut motor, 0.2, 0.3, 1.0).is_empty());
+}
+
+#[test]
+fn motors_that_were_short_of_their_commands_are_named() {
+    let mut response = DriveResponse {
+        speed_max: MotorSpeeds {
+            traction_m_s: 0.6,
+            steer_m_s: 0.4,
+        },
+        delay_s: 0.1,
+        asked: MotorSpeeds::STOP,
+    };
+    assert_eq!(response.to_string(), "");
+    response.asked.steer_m_s = 0.4;
+    assert_eq!(response.to_string(), "");
+    response.asked.steer_m_s = 0.5;
+    let steer = "the steer motor reaches 0.40 m/s of 0.50 commanded";
+    assert_eq!(response.to_string(), steer);
+    response.asked.traction_m_s = 0.8;
+    let traction = "the traction motor reaches 0.60 m/s of 0.80 commanded";
+    assert_eq!(response.to_string(), format!("{traction}; {steer}"));
+}
+
 /// A motor whose speeds were found to be scaled by half, at 0.2 m/s.
 fn scaled() -> Motor {
     let mut motor = Motor::new(1.0);

@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used)]
 
+mod memory;
 mod tracked_point;
 
 use super::super::walk::SUM_STEP_M;
@@ -135,6 +136,9 @@ fn no_target_lies_beyond_a_cusp_and_the_end_of_a_drive_is_a_place() {
             last.weights.along_per_m2,
             controller.config.weights.cross_per_m2
         );
+        // On the way errors count by the way that is driven with them, and at the end they count whole.
+        assert!(targets.iter().any(|target| target.errors_share < 0.9));
+        assert_eq!(last.errors_share, 1.0);
     }
 }
 
@@ -374,6 +378,14 @@ fn what_was_waited_and_what_is_not_known_change_price_and_speed() {
         .step(&sample, None)
         .cross_track_bound_m()
         .unwrap();
+    let price = |waited_s: f64| {
+        let mut controller = controller.clone();
+        controller.waited_s = waited_s;
+        controller.step(&sample, None);
+        let price = controller.horizon.targets[0].weights.speed_s2_per_m2;
+        price / pressing(controller.waited_s)
+    };
+    assert!((price(4.0) / price(0.0) - 1.0).abs() < 1e-9);
     let speed_m_s = |largest_m: f64| {
         let mut controller = controller.clone();
         controller.config.supervisor.cross_track_uncertainty_max_m = largest_m;

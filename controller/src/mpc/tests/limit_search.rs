@@ -1,6 +1,6 @@
 //! The search stage by stage finds what the interior-point method finds.
 
-use super::condensed::stage;
+use super::condensed::{any_stage, stage};
 use super::extra::primal_of;
 use super::*;
 use crate::mpc::clarabel_qp::SolveLimits;
@@ -116,6 +116,81 @@ proptest! {
         prop_assert_eq!(search.find(&data, &rows, &mut members, &limits), Ok(true));
         prop_assert_eq!(search.systems(), from_nothing);
     }
+}
+
+/// Searches from nothing; returns how many limits are active, and the recursions that it took to find them.
+fn search_from_nothing(stages: &[Stage]) -> Option<(usize, u32)> {
+    let (_, data) = qp(stages);
+    let mut members = vec![false; 8 * stages.len()];
+    let mut search = LimitSearch::new(&data).unwrap();
+    let limits = SolveLimits::new(1);
+    let found = search.find(&data, &Rows::new(&data), &mut members, &limits);
+    let active = members.iter().filter(|member| **member).count();
+    (found == Ok(true)).then_some((active, search.systems()))
+}
+
+#[test]
+fn limits_that_are_exceeded_alike_are_taken_in_at_once() {
+    // Each stage wants 5 m/s of traction, or -5 m/s, and has 1 m/s.
+    let stage = Stage {
+        input: motors(0.0, 0.0),
+        weights: any_stage().weights.scaled(0.0),
+        speed_row: [0.0, 1.0, 0.0],
+        speed_error: -5.0,
+        change_weights: ChangeWeights {
+            traction: 0.0,
+            steer: 1.0,
+        },
+        damping: 1.0,
+        traction_change: Change {
+            fall: 3.0,
+            rise: 3.0,
+        },
+        steer_change: Change {
+            fall: 3.0,
+            rise: 3.0,
+        },
+        ..any_stage()
+    };
+    let with_speed = StageWeights {
+        speed_s2_per_m2: 10.0,
+        ..stage.weights
+    };
+    for error_m_s in [-5.0, 5.0] {
+        let stage = Stage {
+            weights: with_speed,
+            speed_error: error_m_s,
+            ..stage
+        };
+        assert_eq!(search_from_nothing(&[stage; 40]), Some((40, 2)));
+        // Where they are exceeded by less than half as much as the worst they wait for their turn.
+        let little = Stage {
+            speed_error: 0.4 * error_m_s,
+            ..stage
+        };
+        let mut stages = [little; 40];
+        stages[..10].fill(stage);
+        assert_eq!(search_from_nothing(&stages), Some((40, 3)));
+    }
+}
+
+#[test]
+fn random_limits_are_found_in_fewer_recursions_than_there_are() {
+    let mut runner = proptest::test_runner::TestRunner::deterministic();
+    let (mut active, mut systems, mut most) = (0, 0, 0);
+    for _ in 0..200 {
+        let stages = prop::collection::vec(stage(), 40);
+        let stages = proptest::strategy::ValueTree::current(&stages.new_tree(&mut runner).unwrap());
+        if let Some((own, own_systems)) = search_from_nothing(&stages) {
+            active += own;
+            systems += own_systems as usize;
+            most = most.max(own_systems);
+        }
+    }
+    assert!(
+        3 * systems < active && most < 30,
+        "{systems} {active} {most}"
+    );
 }
 
 #[test]

@@ -68,7 +68,7 @@ fn difference_on_arc(
 #[test]
 fn headings_and_inputs_of_a_body_whose_tracked_point_drives_an_arc_are_those_of_its_geometry() {
     for (ahead_m, off_rad) in [(0.5, 0.6), (0.5, -0.6), (-0.5, 0.3)] {
-        let mut controller = following(ControllerKind::IcrikMpc, &circle(6.0), 0.0, 0, start);
+        let mut controller = following(ControllerKind::IcrikMpc, &circle(6.0), 3.0, 0, start);
         controller.vehicle.icrs.forward_m = 0.1;
         controller.config.tracked_point = TrackedPoint {
             right_m: 0.2,
@@ -118,6 +118,56 @@ fn headings_and_inputs_of_a_body_whose_tracked_point_drives_an_arc_are_those_of_
                 (inputs.steer_m_s - half_track_m * rate_rad_s).abs() < 1e-9,
                 "{k}"
             );
+        }
+    }
+}
+
+#[test]
+fn a_body_follows_its_point_or_leads_it_and_keeps_its_heading_where_the_point_stands() {
+    let course = Course::Straight(Straight {
+        length_m: 30.0,
+        ..Straight::default()
+    });
+    let path_rad = 0.3;
+    let mut controller = following(ControllerKind::IcrikMpc, &course, 0.0, 1, start);
+    controller.horizon.start.yaw_rad = path_rad + 0.4;
+    for (traction_m_s, ahead_m) in [(0.5, 0.5), (0.5, -0.5), (-0.5, 0.5), (-0.5, -0.5)] {
+        for stands_from in [25, 40] {
+            let mut controller = controller.clone();
+            controller.vehicle.icrs.forward_m = 0.2;
+            for (k, target) in controller.horizon.targets.iter_mut().enumerate() {
+                target.along_heading_rad = path_rad;
+                target.feedforward.traction_m_s = if k < stands_from { traction_m_s } else { 0.0 };
+                target.weights.heading_per_rad2 = 3.0;
+                target.weights.cross_per_m2 = 7.0;
+            }
+            let point = TrackedPoint {
+                right_m: 0.0,
+                forward_m: ahead_m + 0.2,
+            };
+            controller.turn_targets(point, path_rad);
+            let targets = &controller.horizon.targets;
+            let leads = traction_m_s * ahead_m < 0.0;
+            let mut before_rad = 0.4;
+            for (k, target) in targets.iter().enumerate() {
+                let own_rad = target.pose.yaw_rad - path_rad;
+                if leads {
+                    assert!(
+                        own_rad.abs() < 1e-12,
+                        "{traction_m_s} {ahead_m} {k}: {own_rad}"
+                    );
+                } else if k < stands_from {
+                    assert!(own_rad > 0.0 && own_rad < before_rad, "{k}: {own_rad}");
+                } else {
+                    assert!((own_rad - before_rad).abs() < 1e-12, "{k}: {own_rad}");
+                }
+                before_rad = own_rad;
+            }
+            // As much as an error across the path of the distance of point and ICRs, for each rad.
+            let leads_at_end = leads && stands_from == 40;
+            let expected = 3.0 + if leads_at_end { 40.0 * 7.0 * 0.25 } else { 0.0 };
+            let weight = targets.last().unwrap().weights.heading_per_rad2;
+            assert!((weight - expected).abs() < 1e-9, "{weight} {expected}");
         }
     }
 }
