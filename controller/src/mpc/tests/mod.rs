@@ -15,6 +15,7 @@ mod same_optimum;
 mod speed_row;
 mod stagewise;
 mod step_limit;
+mod working_set;
 
 use super::condensing::{Condenser, Stage};
 use super::limits::{Change, InputLimits, MotorLimits};
