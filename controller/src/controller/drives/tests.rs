@@ -1,4 +1,7 @@
 use super::*;
+use crate::config::ControllerKind;
+use crate::controller::horizon::tests::{following, sample, start};
+use crate::course::{Course, Straight};
 
 const CYCLE_S: f64 = 0.05;
 
@@ -483,4 +486,21 @@ fn commands_that_are_scaled_down_pass_on_what_the_motor_does() {
         "{}",
         drives.passed_on_m_s()
     );
+}
+
+#[test]
+fn a_controller_learns_of_its_drives_from_the_speeds_that_it_sees() {
+    let course = Course::Straight(Straight::default());
+    let mut controller = following(ControllerKind::IcrikMpc, &course, 0.0, 0, start);
+    let mut pose = start(controller.reference.as_ref().unwrap());
+    for cycle in 0..80 {
+        let mut sample = sample(CYCLE_S * f64::from(cycle), &pose);
+        let reading = sample.tread_speeds.as_mut().unwrap();
+        (reading.value.left_m_s, reading.value.right_m_s) = (0.2, 0.2);
+        controller.step(&sample, None);
+        pose.y_m += 0.2 * CYCLE_S;
+    }
+    let response = controller.drives.response();
+    assert!(response.speed_max.traction_m_s < 0.25, "{response:?}");
+    assert!(response.asked.traction_m_s > 0.3, "{response:?}");
 }
