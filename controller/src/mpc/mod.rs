@@ -295,11 +295,6 @@ impl Mpc {
         }
     }
 
-    /// Returns (x, y, yaw) that the plan has for the end of a stage; none without a plan.
-    pub fn planned_state(&self, stage: usize) -> Option<Vector3<f64>> {
-        self.plan()?.states.get(stage + 1).copied()
-    }
-
     /// Sets the largest speeds of the motors as they are known now, m/s; at most those of the settings.
     pub fn set_speed_limits(&mut self, traction_m_s: f64, steer_m_s: f64) {
         for limits in [&mut self.settings.limits, self.condenser.limits_mut()] {
@@ -354,11 +349,6 @@ impl Mpc {
     /// Returns the prediction model, to be adapted.
     pub fn model_mut(&mut self) -> &mut Model {
         &mut self.model
-    }
-
-    /// Returns the number of stages N.
-    pub fn stages(&self) -> usize {
-        self.settings.stages
     }
 
     /// Returns the times of the stages.

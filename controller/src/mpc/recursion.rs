@@ -287,9 +287,7 @@ fn backwards(
         // P_xx b + P_xu
         let column: [f64; 3] = std::array::from_fn(|i| dot(&p[i][..3], by_input) + p[i][3 + j]);
         let turned = terms.back(column);
-        for i in 0..3 {
-            m[STATES + j][i] = turned[i];
-        }
+        m[STATES + j][..3].copy_from_slice(&turned);
         for l in 0..MOTORS {
             let across: f64 = dot(&terms.by_input[l], &column);
             m[STATES + l][STATES + j] = across + dot(&p[3 + l][..3], by_input) + p[3 + l][3 + j];

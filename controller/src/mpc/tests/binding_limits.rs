@@ -102,6 +102,42 @@ fn a_solve_cut_short_keeps_the_limits_and_is_better_than_no_change() {
 }
 
 #[test]
+fn a_solve_with_extra_rows_that_is_cut_short_fails_and_one_with_extra_costs_does_not() {
+    for rows in [false, true] {
+        let mut pushed = Pushed::new(QpMode::InPlace);
+        let wide = ExtraRow {
+            by: [1.0, 0.0, 0.0, 0.0, 0.0],
+            low: -100.0,
+            high: 100.0,
+        };
+        let rows_of_all = if rows { vec![wide; 40] } else { Vec::new() };
+        let terms = ExtraTerms::new(vec![ExtraCost::default(); 40], rows_of_all).unwrap();
+        pushed.mpc.set_extra_terms(Some(terms)).unwrap();
+        let mut failed = 0;
+        for cycle in 0..40 {
+            if cycle == 10 {
+                pushed.mpc.solver.set_max_iterations(4);
+            }
+            failed += u32::from(pushed.cycle(cycle).is_err());
+        }
+        assert_eq!(pushed.cut_short > 0, !rows, "{}", pushed.cut_short);
+        assert!(!rows || failed > 10, "{failed}");
+    }
+}
+
+#[test]
+fn the_feedback_is_found_as_far_as_it_is_asked_for() {
+    let mut pushed = Pushed::new(QpMode::WorkingSet);
+    pushed.cycle(0).unwrap();
+    let mpc = &mut pushed.mpc;
+    let end_s = mpc.stage_times().end_s(4);
+    for (until_s, stages) in [(0.0, 1), (end_s, 5), (end_s + 1e-6, 6), (1e3, 40)] {
+        assert!(mpc.find_feedback(until_s));
+        assert_eq!(mpc.answer(Vector3::new(0.1, 0.0, 0.0)).count(), stages);
+    }
+}
+
+#[test]
 fn a_deadline_anywhere_in_a_solve_leaves_a_point_that_keeps_the_limits() {
     for mode in [QpMode::WorkingSet, QpMode::InPlace] {
         let mut pushed = Pushed::new(mode);

@@ -299,6 +299,30 @@ fn an_extra_cost_moves_a_plan_to_where_the_algebra_says() {
 }
 
 #[test]
+fn the_feedback_of_a_plan_weighs_extra_costs_as_its_own() {
+    let (mut mpc, _) = settled(
+        alike(along(20.0, Y, [0.0; EXTRA_SIZE]), &[]),
+        StepLimit::default(),
+    );
+    assert!(mpc.find_feedback(f64::INFINITY));
+    let weight = along(20.0, Y, [0.0; EXTRA_SIZE]).weight;
+    let mut same = PlanFeedback::new(40);
+    // In another unit of cost.
+    let terms = mpc
+        .stages
+        .iter()
+        .map(|stage| (stage.terms([0.0; 2], 1.0), Some(weight)));
+    same.find(terms).unwrap();
+    let start = [0.05, 0.1, -0.1];
+    for (own, expected) in mpc.answer(start.into()).zip(same.answer(start)) {
+        assert!(
+            (own - Vector3::from(expected)).norm() < 1e-9,
+            "{own} {expected:?}"
+        );
+    }
+}
+
+#[test]
 fn a_row_that_binds_is_held_and_its_steps_are_taken() {
     let free = settled(None, StepLimit::default()).0.plan;
     let most = |of: &dyn Fn(usize) -> f64| (0..40).map(of).fold(f64::NEG_INFINITY, f64::max);
