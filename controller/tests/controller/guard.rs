@@ -11,6 +11,10 @@ const STEEP_FROM_M: f64 = 6.0;
 
 /// A vehicle on level ground that drives straight towards ground of 28 deg, with a map, which is looked at or not.
 fn towards_steep_ground(kind: ControllerKind, preview: AttitudePreview) -> Rig {
+    setup(kind, preview).build()
+}
+
+fn setup(kind: ControllerKind, preview: AttitudePreview) -> Setup {
     let ground =
         "{transition_m: 1, zones: [{start_m: 0, slope_deg: 0}, {start_m: 6.5, slope_deg: 28}]}";
     let ground = Terrain::Zones(serde_yaml::from_str(ground).unwrap());
@@ -23,7 +27,7 @@ fn towards_steep_ground(kind: ControllerKind, preview: AttitudePreview) -> Rig {
         ..GuardConfig::default()
     });
     setup.config.attitude_preview = preview;
-    setup.build()
+    setup
 }
 
 /// Drives until the vehicle is stopped; returns why, where along the path, and its speed then and at most.
@@ -65,4 +69,29 @@ fn a_map_that_is_not_to_be_looked_at_does_not_stop_the_vehicle_before_it_is_ther
     let (_, at_m, speed_m_s, _) = until_stopped(&mut rig);
     assert!(at_m > STEEP_FROM_M, "{at_m}");
     assert!(speed_m_s > 0.3, "{speed_m_s}");
+}
+
+#[test]
+fn a_vehicle_that_brakes_harder_slows_down_later() {
+    let slows_at_m = |rate_m_s2: f64| {
+        let mut setup = setup(ControllerKind::IcrikMpc, AttitudePreview::Terrain);
+        let traction = &mut setup.config.limits.traction;
+        (traction.acceleration_m_s2, traction.deceleration_m_s2) = (rate_m_s2, rate_m_s2);
+        let mut rig = setup.build();
+        let mut fast = false;
+        for _ in 0..1200 {
+            let at_m = rig.cycle().progress.unwrap().arc_length_m;
+            fast |= rig.command.traction_m_s > 0.55;
+            if fast && rig.command.traction_m_s < 0.5 {
+                return at_m;
+            }
+        }
+        panic!("not slowed down");
+    };
+    let (early_m, late_m) = (slows_at_m(0.6), slows_at_m(2.4));
+    // From 0.6 m/s to 0.5 m/s at a quarter of the rates.
+    assert!(
+        late_m > early_m + 0.3 && late_m < early_m + 1.5,
+        "{early_m} {late_m}"
+    );
 }

@@ -74,10 +74,13 @@ fn what_was_learned_belongs_to_its_controller_and_gains_to_one_that_adapts() {
     let mut learning = rig(ControllerKind::IcrikMpc, Some(memory));
     // Nothing yet.
     assert_eq!(learning.controller.learned().unwrap().gains, None);
+    let mut way_m = 0.0;
     for _ in 0..400 {
-        learning.cycle();
+        way_m = learning.cycle().progress.unwrap().arc_length_m;
     }
     let learned = learning.controller.learned().unwrap();
+    let seen = learned.cells.iter().map(|cell| cell.evidence.error_way_m);
+    assert!((seen.sum::<f64>() / way_m - 1.0).abs() < 0.1);
     assert!(learned.gains.is_some() && learned.confidence() > 0.0 && !learned.cells.is_empty());
     assert_eq!(
         learning.controller.learned_covariance().unwrap().nrows(),

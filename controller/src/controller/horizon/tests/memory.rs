@@ -123,3 +123,44 @@ fn the_horizon_begins_where_the_commands_in_flight_take_the_vehicle() {
     let found = Vector3::new(start.x_m, start.y_m, start.yaw_rad);
     assert!((found - expected).norm() < 1e-9, "{found} {expected}");
 }
+
+#[test]
+fn a_vehicle_beside_its_path_is_aimed_to_the_other_side_the_next_time() {
+    for right_m in [0.3, -0.3] {
+        let mut controller = following(ControllerKind::IcrikMpc, &circle(2.0), 0.0, 0, start);
+        controller.memory = Some(Memory::new(MemoryConfig::default()));
+        let path = controller
+            .reference
+            .as_ref()
+            .unwrap()
+            .path()
+            .unwrap()
+            .clone();
+        for cycle in 0..400 {
+            let time_s = 0.05 * f64::from(cycle);
+            let mut pose = path.at(0.4 * time_s).pose();
+            pose.x_m += right_m * pose.yaw_rad.cos();
+            pose.y_m += right_m * pose.yaw_rad.sin();
+            let mut sample = sample(time_s, &pose);
+            let reading = sample.tread_speeds.as_mut().unwrap();
+            // A quarter turn of the vehicle's own circle takes as long as that of the path.
+            let own_m_s = 0.4 * (2.0 + right_m) / 2.0;
+            let turning_m_s = 0.2 * controller.horizon.half_track_m;
+            (reading.value.left_m_s, reading.value.right_m_s) =
+                (own_m_s - turning_m_s, own_m_s + turning_m_s);
+            controller.step(&sample, None);
+        }
+        for at_m in [1.0, 2.0, 3.2, 4.0, 5.0] {
+            let known = controller
+                .memory
+                .as_ref()
+                .unwrap()
+                .known(&path.at(at_m).pose(), 100.0);
+            let aim_m = known.aim_right_m * right_m.signum();
+            assert!(
+                (-0.101..-0.05).contains(&aim_m),
+                "{right_m} {at_m}: {aim_m}"
+            );
+        }
+    }
+}
