@@ -227,8 +227,8 @@ impl Controller {
         let mut fastest_m_s = f64::INFINITY;
         if let Some(plan) = mpc.plan() {
             // The plan's headings are counted on from its own.
-            let yaw_rad = plan.states[0].z;
-            let start = PlanarPose { yaw_rad, ..start };
+            let mut start = start;
+            start.yaw_rad = plan.states[0].z;
             let mut walk = ahead.walk(&start, self.horizon.previous);
             for (k, (state, input)) in plan.states[1..].iter().zip(&plan.inputs).enumerate() {
                 let end_s = mpc.stage_times().end_s(k);

@@ -322,10 +322,7 @@ impl LinearSystem {
 }
 
 fn clarabel_settings(settings: &QpSettings) -> DefaultSettings<f64> {
-    let mut clarabel = DefaultSettings::<f64> {
-        verbose: false,
-        ..DefaultSettings::default()
-    };
+    let mut clarabel = DefaultSettings::<f64>::default();
     if settings.mode != QpMode::FreshDefaults {
         // Updates in place need the data as given; the QP is already scaled, so neither
         // equilibration nor iterative refinement is worth its time.
@@ -339,6 +336,7 @@ fn clarabel_settings(settings: &QpSettings) -> DefaultSettings<f64> {
         clarabel.tol_gap_rel = settings.tolerance;
         clarabel.tol_feas = settings.tolerance;
     }
+    clarabel.verbose = false;
     clarabel
 }
 
