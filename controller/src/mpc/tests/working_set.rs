@@ -8,14 +8,19 @@ use crate::mpc::working_set::WorkingSet;
 /// Returns a QP, whether it has rows of treads, and the point that the interior-point method finds.
 fn solved() -> impl Strategy<Value = (QpData, bool, Point)> {
     let stages = prop::collection::vec(stage(), 2..22);
-    (stages, any::<bool>()).prop_filter_map("infeasible", |(stages, treads)| {
+    (stages, any::<bool>()).prop_filter_map("infeasible or degenerate", |(stages, treads)| {
         let limits = input_limits(if treads { 1.3 } else { 2.0 });
         let (mut condenser, mut data) = Condenser::new(stages.len(), 5, limits, None, COST_SCALE);
         condenser.assemble(&stages, motors(0.3, -0.2), None, &mut data);
         let mut solver = QpSolver::new(data.clone(), exact()).unwrap();
         solver.solve(None).ok()?;
         let point = solver.point().clone();
-        Some((data, treads, point))
+        // Of each row it is clear whether it binds.
+        let rows = point.dual.iter().zip(&point.slack).skip(data.equalities);
+        let mut apart = rows.map(|(dual, slack)| (dual - slack).abs());
+        apart
+            .all(|apart| apart > 1e-3)
+            .then_some((data, treads, point))
     })
 }
 
