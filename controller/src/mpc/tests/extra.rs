@@ -375,7 +375,8 @@ fn a_violation_costs_twice_what_room_for_the_row_that_presses_most_is_worth() {
     let high = free.plan.states[31].x - 0.2;
     let held = |high: f64| {
         let mut rows = vec![wide; 40];
-        rows[30].high = high;
+        // In other units than m.
+        rows[30] = row(X.map(|by| 4.0 * by), f64::NEG_INFINITY, 4.0 * high);
         let (mpc, horizon) = settled(
             Some(ExtraTerms::new(vec![NO_COST; 40], rows).unwrap()),
             StepLimit::default(),
