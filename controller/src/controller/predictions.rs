@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 pub const AHEAD_S: f64 = 2.0;
 /// Time over which errors of predictions are remembered, and that for which s = 1 counts beside them, s.
 const MEMORY_S: f64 = 20.0;
-const GIVEN_S: f64 = 1.0;
+const GIVEN_S: f64 = 6.0;
 
 /// Where across the path the vehicle will be in [`AHEAD_S`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -82,15 +82,19 @@ impl Predictions {
         self.pending.push_back(prediction);
     }
 
-    /// Returns s.
+    /// Returns s. It is a mean of errors of which one in [`AHEAD_S`] is new, and the error to come is another one.
     pub(super) fn share(&self) -> f64 {
-        (GIVEN_S + self.squares_s) / (GIVEN_S + self.compared_s)
+        let time_s = GIVEN_S + self.compared_s;
+        (GIVEN_S + self.squares_s) / time_s * (1.0 + AHEAD_S / time_s)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// s before anything was compared.
+    const NOTHING_LEARNED: f64 = 1.0 + AHEAD_S / GIVEN_S;
 
     /// Returns the distance from the path that is predicted for a time, m.
     fn predicted_m(time_s: f64) -> f64 {
@@ -118,8 +122,10 @@ mod tests {
     fn the_share_is_the_mean_square_of_the_errors_over_what_was_expected() {
         for deviations in [0.5, 1.0, 3.0] {
             let (_, share) = share_after(deviations);
-            // The 1 with which it begins counts for 1 s of 20.
-            let expected = (1.0 + 20.0 * deviations * deviations) / 21.0;
+            // After so long the last 20 s count, and beside them the 1 with which it begins.
+            let time_s = GIVEN_S + MEMORY_S;
+            let mean = (GIVEN_S + MEMORY_S * deviations * deviations) / time_s;
+            let expected = mean * (1.0 + AHEAD_S / time_s);
             assert!((share - expected).abs() < 0.02 * expected, "{share}");
         }
     }
@@ -132,14 +138,14 @@ mod tests {
         predictions.compare(100.0, 0.05, 5.0);
         assert!(predictions.share() <= share);
         predictions.compare(300.0, 200.0, 5.0);
-        assert!((predictions.share() - 1.0).abs() < 0.01);
+        assert!((predictions.share() - NOTHING_LEARNED).abs() < 0.01);
         assert_eq!(
             predictions.pending.capacity(),
             Predictions::new(0.05).pending.capacity()
         );
         reset.reset();
         reset.compare(100.0, 0.05, 5.0);
-        assert_eq!(reset.share(), 1.0);
+        assert_eq!(reset.share(), NOTHING_LEARNED);
     }
 
     #[test]
@@ -152,7 +158,7 @@ mod tests {
                 variance_m2: 0.0,
             });
             predictions.compare(1.0, 0.05, 0.0);
-            assert_eq!(predictions.share(), 1.0);
+            assert_eq!(predictions.share(), NOTHING_LEARNED);
         }
     }
 }

@@ -75,7 +75,7 @@ pub struct ContactLearningSettings {
 impl Default for ContactLearningSettings {
     fn default() -> Self {
         Self {
-            slide_sigma_m_per_sqrt_s: 0.002,
+            slide_sigma_m_per_sqrt_s: 0.0005,
             yaw_sigma_rad_per_sqrt_s: 0.005,
             lag_s: 0.1,
             prior_factor: 1.0,
@@ -91,7 +91,7 @@ impl Default for ContactLearningSettings {
             patch_squared_sigma: 0.02,
             inertia_sigma: 0.3,
             relaxation_length_sigma: 0.15,
-            tread_sigma: 0.2,
+            tread_sigma: 0.07,
             forgetting_per_m: 0.01,
             friction_forgetting_per_m: 0.2,
             tread_forgetting_per_m: 0.002,
