@@ -4,7 +4,7 @@ use crate::rig::{CIRCLE, KINDS, LIMITS, STOPPING_CYCLES, Setup, course, driving}
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::Status;
 use sidehill_controller::path::{Path, Point2, RawPoint, Smoothing, smooth};
-use sidehill_controller::reference::Reference;
+use sidehill_controller::reference::{PROJECTION_WINDOW, Reference};
 use sidehill_controller::speed_profile::speed_profile;
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::speeds::MotorSpeeds;
@@ -248,9 +248,11 @@ fn a_turn_that_has_gone_too_far_comes_back_before_it_is_over() {
     let setup = Setup::new(course("{shape: pivot, angle_deg: 90}"));
     let to_rad = setup.start.yaw_rad + std::f64::consts::FRAC_PI_2;
     let mut rig = setup.build();
-    while rig.simulation.state().pose.yaw_rad < to_rad - 0.1 {
+    let almost = (0..400).any(|_| {
         rig.cycle();
-    }
+        rig.simulation.state().pose.yaw_rad > to_rad - 0.1
+    });
+    assert!(almost);
     let mut pose = rig.simulation.state().pose;
     pose.yaw_rad = to_rad + 0.14;
     rig.simulation.put(pose.planar()).unwrap();
@@ -428,6 +430,60 @@ fn another_path_is_taken_up_while_driving() {
         let progress_m = decision.progress.unwrap().arc_length_m;
         assert!((progress_m - 4.0).abs() < 0.2, "{progress_m}");
     }
+}
+
+/// A plan that leads elsewhere is a bad point to linearise about.
+#[test]
+fn the_plan_is_kept_for_a_path_that_leads_close_to_where_the_horizon_ends() {
+    let straight = course("{shape: straight, length_m: 12, heading_deg: 0}");
+    let mut rig = Setup::new(straight.clone()).build();
+    for _ in 0..5 {
+        rig.cycle();
+    }
+    // Beside the path before, and turned away from it about its start.
+    for (x_m, yaw_rad, kept) in [
+        (0.4, 0.0, true),
+        (0.6, 0.0, false),
+        (0.0, 0.02, true),
+        (0.0, 0.5, false),
+    ] {
+        let mut rig = rig.clone();
+        let frame = PlanarPose {
+            x_m,
+            y_m: 0.0,
+            yaw_rad,
+        };
+        rig.follow(1, straight.clone().seen_from(&frame), 0.0);
+        let found = rig.controller.plan().is_some();
+        assert_eq!(found, kept, "{x_m} m, {yaw_rad} rad");
+        assert_eq!(rig.cycle().status, Status::Tracking);
+    }
+}
+
+#[test]
+fn a_program_sees_where_on_the_path_each_stage_is_to_end() {
+    let mut rig = driving(ControllerKind::IcrikMpc);
+    let reference = rig.controller.reference().unwrap();
+    let path = reference.path().unwrap();
+    let targets = rig.controller.targets();
+    assert_eq!(targets.len(), rig.controller.config().stages);
+    let mut along_m = reference.arc_length_m();
+    for target in targets {
+        let place = Point2 {
+            x_m: target.pose.x_m,
+            y_m: target.pose.y_m,
+        };
+        let nearest = path.nearest_within(&place, along_m, &PROJECTION_WINDOW);
+        assert!(nearest.cross_track_m.abs() < 1e-3, "{nearest:?}");
+        let farther_m = nearest.point.arc_length_m - along_m;
+        assert!((0.0..0.3).contains(&farther_m), "{farther_m}");
+        along_m = nearest.point.arc_length_m;
+    }
+    assert!(along_m > reference.arc_length_m() + 2.0, "{along_m}");
+    rig.controller.forget_path();
+    assert!(rig.controller.targets().is_empty());
+    let pursuing = driving(ControllerKind::PurePursuit);
+    assert!(pursuing.controller.targets().is_empty());
 }
 
 /// Turned away from the path, above it and with traction limited to 0.52 m/s^2, a plan that reverses first is a
