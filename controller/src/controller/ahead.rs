@@ -27,7 +27,7 @@ use nalgebra::{Matrix2, Matrix3, Matrix3x2, Vector2, Vector3};
 use sidehill_plant::speeds::TreadSpeeds;
 
 /// Steer at which the model's errors count as much as they do straight ahead, m/s.
-const STEER_M_S: f64 = 0.12;
+const STEER_M_S: f64 = 0.2;
 
 /// How far of the plan counts for how it answers corrections, s. What comes later changes the bound by less than a tenth.
 const FEEDBACK_S: f64 = 1.75 * AHEAD_S;
