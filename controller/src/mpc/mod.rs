@@ -341,6 +341,11 @@ impl Mpc {
         (self.solver.data(), self.solver.point())
     }
 
+    /// Returns the number of stages N.
+    pub fn stages(&self) -> usize {
+        self.settings.stages
+    }
+
     /// Returns the step of each stage about the plan of the last cycle as it was before its QP was solved.
     pub fn linearised_stages(&self) -> impl ExactSizeIterator<Item = &LinearisedStep> {
         self.stages.iter().map(|stage| &stage.step)

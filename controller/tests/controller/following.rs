@@ -467,6 +467,7 @@ fn a_program_sees_where_on_the_path_each_stage_is_to_end() {
     let path = reference.path().unwrap();
     let targets = rig.controller.targets();
     assert_eq!(targets.len(), rig.controller.config().stages);
+    assert_eq!(rig.controller.mpc().unwrap().stages(), targets.len());
     let mut along_m = reference.arc_length_m();
     for target in targets {
         let place = Point2 {
