@@ -1,4 +1,5 @@
-//! Which terms beyond ICRHK logs of real vehicles support, see `../data/drive/README.md`.
+//! Which terms beyond ICRHK logs of real vehicles support, see `../data/drive/README.md` and
+//! `../data/norlab/README.md`.
 
 use sidehill_plant::extension::Extension;
 use sidehill_plant::identification::{
@@ -44,6 +45,15 @@ fn asphalt() -> (DriveLog, Vehicle) {
             "../data/drive/warthog_asphalt_2024_level/vehicle.yaml"
         ))
         .unwrap(),
+    )
+}
+
+fn marmotte() -> (DriveLog, Vehicle) {
+    let map: ColumnMap = serde_yaml::from_str(include_str!("../data/norlab/columns.yaml")).unwrap();
+    let csv = include_str!("../data/norlab/marmotte_snow.csv");
+    (
+        DriveLog::read(csv.as_bytes(), &map).unwrap(),
+        serde_yaml::from_str(include_str!("../data/norlab/vehicle.yaml")).unwrap(),
     )
 }
 
@@ -149,4 +159,29 @@ fn one_half_of_a_log_of_the_husky_predicts_the_other() {
     let squares = mean(errors.iter().map(|e| e.1 * e.1)) / mean(errors.iter().map(|e| e.0 * e.0));
     println!("RMS {}", squares.sqrt());
     assert!(squares.sqrt() < 0.85, "{squares}");
+}
+
+#[test]
+fn one_half_of_a_log_of_tracks_on_snow_predicts_the_other() {
+    let (log, vehicle) = marmotte();
+    let errors = errors_of_other_halves(&(log.clone(), vehicle.clone()));
+    let ideal: Vec<_> = segments(&log, &settings().segmentation)
+        .into_iter()
+        .map(|s| {
+            position(SegmentErrors::of(
+                &[s],
+                &vehicle,
+                KinematicModel::DifferentialDrive,
+            ))
+        })
+        .collect();
+    let icrhk = mean(errors.iter().map(|e| e.0));
+    let extended = mean(errors.iter().map(|e| e.1));
+    let share = icrhk / mean(ideal.iter().copied());
+    println!(
+        "ICRHK {share} of differential drive, extended {} of ICRHK",
+        extended / icrhk
+    );
+    assert!(share < 0.65, "{share}");
+    assert!(extended < 0.96 * icrhk, "{extended} {icrhk}");
 }

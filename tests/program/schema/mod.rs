@@ -127,7 +127,7 @@ fn all_files_fit_their_schema_and_none_with_an_unknown_key_does() {
         let mut files: Vec<PathBuf> = files.iter().map(|file| repository(file)).collect();
         if kind == "columns" {
             files.extend(
-                ["drive", "trento_ramps", "warthog_grass"]
+                ["drive", "norlab", "trento_ramps", "warthog_grass"]
                     .map(|data| repository(&format!("plant/tests/data/{data}/columns.yaml"))),
             );
         }
