@@ -79,10 +79,8 @@ pub struct Controller {
     /// The drives as they respond.
     drives: Drives,
     predictions: Predictions,
-    /// How far the drive had come in the cycle before, m.
-    come_m: f64,
-    /// Time for which the drive has hardly moved on, s.
-    waited_s: f64,
+    /// What a way like that of the plans until now costs: their errors and slowness over what they drive of the path.
+    way_cost: f64,
     last_time_s: Option<f64>,
 }
 
@@ -131,8 +129,7 @@ impl Controller {
             ),
             dig: DigWatch::new(&config.estimator),
             phase: Phase::Driving { fallback_cycles: 0 },
-            come_m: f64::INFINITY,
-            waited_s: 0.0,
+            way_cost: 0.0,
             last_time_s: None,
             adapts,
             guard,

@@ -22,7 +22,7 @@ pub struct Weights {
 impl Default for Weights {
     fn default() -> Self {
         Self {
-            speed: 0.1,
+            speed: 0.05,
             cross_per_m2: 50.0,
             heading_per_rad2: 0.02,
             traction_change_s3_per_m2: 0.05,

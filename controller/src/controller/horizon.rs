@@ -2,7 +2,7 @@
 
 use super::walk::{SpeedsNow, Walk};
 use super::{Controller, Law};
-use crate::config::{AttitudePreview, ControllerConfig};
+use crate::config::{AttitudePreview, Weights};
 use crate::estimator::{Estimate, slide_share};
 use crate::guard::Guard;
 use crate::memory::Memory;
@@ -25,15 +25,10 @@ const MOST_RAD: f64 = 1.2;
 const LENGTH_MIN: f64 = 1.6;
 /// Largest factor by which the stages are stretched for that.
 const STRETCH_MAX: f64 = 8.0;
-/// Lowest share of the asked speed by which errors across the path are weighed.
-const PACE_MIN: f64 = 0.02;
-/// Share of the asked speed below which a vehicle waits.
-const WAITING: f64 = 0.5;
-/// Time over which waiting is remembered, and the part of it that is free, as a vehicle sets off, s.
-const WAITED_S: f64 = 6.0;
-const WAITED_FREE_S: f64 = 1.0;
-/// Growth of the square root of the price of speed beyond that, 1/s.
-const PRESSING_PER_S: f64 = 4.0;
+/// Growth of the price of speed with the cost of a way.
+const PRICE_BY_WAY: f64 = 3.0;
+/// Time over which the cost of a way is averaged, s: one plan may be far worse than the next.
+const WAY_COST_S: f64 = 0.25;
 /// Largest factor between the stretches of two cycles.
 const STRETCH_CHANGE: f64 = 1.05;
 
@@ -69,34 +64,10 @@ impl Controller {
         );
         // The plan ends where the drive before has ended.
         if reference.drive() != before {
-            self.come_m = f64::INFINITY;
+            self.way_cost = 0.0;
             self.discard_plan();
         }
         Some(progress)
-    }
-
-    /// Keeps account of how long a drive has hardly moved on: the price of speed grows with that, so that no plan waits
-    /// for ever before a place that is hard to pass.
-    fn wait(&mut self, progress: &Progress, speeds: &SpeedsNow, elapsed_s: f64) {
-        let moved_m = progress.arc_length_m - self.come_m;
-        self.come_m = progress.arc_length_m;
-        let point = &progress.point;
-        let waiting_m = match point.motion {
-            Motion::Drive => {
-                let asked_m_s = point.speed_m_s.abs();
-                // A motor that is too weak keeps no vehicle waiting.
-                let most_m_s = speeds.at(point.yaw_rate_rad_s / asked_m_s);
-                WAITING * asked_m_s.min(most_m_s) * elapsed_s
-            }
-            Motion::Pivot | Motion::Stand => 0.0,
-        };
-        if waiting_m <= 0.0 || moved_m.abs() > 1.0 {
-            self.waited_s = 0.0;
-            return;
-        }
-        let waits = (1.0 - moved_m / waiting_m).max(0.0);
-        let change_s = elapsed_s * (waits - self.waited_s / WAITED_S);
-        self.waited_s = (self.waited_s + change_s).clamp(0.0, WAITED_S);
     }
 
     /// Returns what bounds the speed at a place, as known now.
@@ -159,7 +130,6 @@ impl Controller {
             }
         }
         let speeds = self.speed_limits();
-        self.wait(progress, &speeds, elapsed_s);
         self.learn_places(estimate, sample, elapsed_s);
         (self.horizon.start, self.horizon.moving) = self.roll_forward(estimate, progress);
         self.horizon.previous = previous;
@@ -199,7 +169,6 @@ impl Controller {
         mpc.move_on(elapsed_s, stretch, &normal_at_end);
         let ahead = HorizonInputs {
             reference,
-            config,
             speeds,
             tracked_point,
             map: self
@@ -210,7 +179,7 @@ impl Controller {
             memory: self.memory.as_ref().filter(|memory| memory.config.by_place),
             estimate,
             progress,
-            waited_s: self.waited_s,
+            weights: weights_by_way(&config.weights, self.way_cost),
             certain_share: certain_share(
                 estimate.bound_across_m(progress.point.heading_rad)
                     / config.supervisor.cross_track_uncertainty_max_m,
@@ -236,6 +205,8 @@ impl Controller {
                 self.horizon.targets.push(target);
             }
             fastest_m_s = walk.fastest_m_s();
+            let way_cost = walk.way_cost(&config.weights);
+            self.way_cost += (elapsed_s / WAY_COST_S).min(1.0) * (way_cost - self.way_cost);
         }
         let limits = self.drives.limits(&config.limits);
         let traction_m_s = limits.traction.speed_m_s.min(FASTER_MAX * fastest_m_s);
@@ -364,7 +335,6 @@ impl Controller {
 /// What the targets of a cycle follow from.
 struct HorizonInputs<'a> {
     reference: &'a Reference,
-    config: &'a ControllerConfig,
     speeds: SpeedsNow,
     tracked_point: TrackedPoint,
     map: Option<&'a Terrain>,
@@ -374,8 +344,8 @@ struct HorizonInputs<'a> {
     memory: Option<&'a Memory>,
     estimate: &'a Estimate,
     progress: &'a Progress,
-    /// How long the drive has hardly moved on.
-    waited_s: f64,
+    /// Weights of a drive.
+    weights: Weights,
     /// Share of the speeds with which a vehicle drives that does not know well where it is.
     certain_share: f64,
 }
@@ -397,7 +367,7 @@ impl<'a> HorizonInputs<'a> {
         state: &Vector3<f64>,
         input: MotorSpeeds,
     ) -> StageTarget {
-        let (config, estimate) = (self.config, self.estimate);
+        let estimate = self.estimate;
         let share = self
             .guard
             .map_or(1.0, |guard| guard.share_at(walk.time_ahead_s()))
@@ -419,14 +389,10 @@ impl<'a> HorizonInputs<'a> {
             slip = slide_share(self.progress.cross_track_m) * speed_m_s * known.slip_per_m;
         }
         let mut errors_share = 1.0;
-        let mut weights = asked.weights(&config.weights, end_s);
-        if asked.motion == Motion::Drive {
-            weights.speed_s2_per_m2 *= pressing(self.waited_s);
-            if !asked.ends {
-                // Errors count by the way that is driven with them, ahead or back: to stand beside the path must not be
-                // cheap.
-                errors_share = asked.pace.abs().clamp(PACE_MIN, 1.0).powi(2);
-            }
+        let weights = asked.weights(&self.weights, end_s);
+        if asked.motion == Motion::Drive && !asked.ends {
+            // Errors count by the way that is driven with them, ahead or back.
+            errors_share = asked.pace.powi(2).min(1.0);
         }
         StageTarget {
             pose,
@@ -443,9 +409,15 @@ impl<'a> HorizonInputs<'a> {
     }
 }
 
-/// Returns the factor on the price of speed of a drive that has waited for so long.
-fn pressing(waited_s: f64) -> f64 {
-    (1.0 + PRESSING_PER_S * (waited_s - WAITED_FREE_S).max(0.0)).powi(2)
+/// Returns the weights of a drive whose way costs so much.
+///
+/// A plan ends after a time. One that waits, beside the path or before a place that is hard to pass, leaves what the way
+/// would have cost to the next plan, which waits as well. So to stand must cost what the way costs that is not driven.
+fn weights_by_way(weights: &Weights, way_cost: f64) -> Weights {
+    Weights {
+        speed: weights.speed + PRICE_BY_WAY * way_cost,
+        ..*weights
+    }
 }
 
 /// Returns the factor on the weight of a change of steer of contact-mpc at a distance from the path.

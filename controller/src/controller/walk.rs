@@ -33,6 +33,8 @@ const PIVOT_END: f64 = 10.0;
 /// Time that a turn on the spot takes to gain and lose speed, s, and how much longer than asked for it takes.
 const PIVOT_RAMPS_S: f64 = 1.0;
 const PIVOT_SLOWER: f64 = 1.2;
+/// Largest cost of a way: that of errors of 0.2 m at the default weights. A plan that hardly moves has no way to divide by.
+const WAY_COST_MAX: f64 = 2.0;
 /// Step with which the time for a length is summed, m.
 pub(super) const SUM_STEP_M: f64 = 0.1;
 
@@ -163,6 +165,27 @@ pub(super) struct Walk<'a> {
     time_s: f64,
     /// Largest speed allowed on the path so far, m/s; infinite where the vehicle drives on none.
     fastest_m_s: f64,
+    way: Way,
+}
+
+/// What a plan drives of a path, and how well. The pace p is the speed along the path over that asked for.
+#[derive(Debug, Clone, Copy, Default)]
+struct Way {
+    /// Integral of p, s.
+    driven_s: f64,
+    /// Integral of p times the square of the distance from the path, m^2 s.
+    errors_m2_s: f64,
+    /// Integral of (1 - p)^2, s.
+    slowness_s: f64,
+}
+
+impl Way {
+    fn add(&mut self, time_s: f64, pace: f64, cross_m: f64) {
+        let pace = pace.clamp(0.0, 1.0);
+        self.driven_s += time_s * pace;
+        self.errors_m2_s += time_s * pace * cross_m.powi(2);
+        self.slowness_s += time_s * (1.0 - pace).powi(2);
+    }
 }
 
 impl<'a> Walk<'a> {
@@ -189,7 +212,15 @@ impl<'a> Walk<'a> {
                 Some(_) => 0.0,
                 None => f64::INFINITY,
             },
+            way: Way::default(),
         }
+    }
+
+    /// Returns what a way like the plan's costs: its errors and its slowness over what it drives of the path.
+    pub(super) fn way_cost(&self, weights: &Weights) -> f64 {
+        let way = &self.way;
+        let cost = weights.cross_per_m2 * way.errors_m2_s + weights.speed * way.slowness_s;
+        (cost / way.driven_s.max(f64::MIN_POSITIVE)).min(WAY_COST_MAX)
     }
 
     /// Returns the largest speed allowed so far on the path, m/s, braking left out; infinite on the spot.
@@ -226,15 +257,18 @@ impl<'a> Walk<'a> {
         let guess_m = (self.at + moved_m).min(self.reference.stop_at_m().next_down());
         let nearest = path.nearest_from(&place, guess_m, guess_m, &PROJECTION_WINDOW);
         self.at = nearest.arc_length_m.max(self.at);
+        let (along_m, cross_m) = nearest.offsets_to(&place);
         let mut asked = self.driving(path, state.z, share);
         self.fastest_m_s = self.fastest_m_s.max(asked.scale_m_s);
-        asked.behind =
-            self.at <= self.reference.drive_from_m() && nearest.offsets_to(&place).0 < -AT_START_M;
+        asked.behind = self.at <= self.reference.drive_from_m() && along_m < -AT_START_M;
         if let Some((before, before_s)) = before {
             let (sin, cos) = asked.pose.yaw_rad.sin_cos();
             let (dx, dy) = (place.x_m - before.x_m, place.y_m - before.y_m);
             let along_m_s = (cos * dy - sin * dx) / (end_s - before_s);
             asked.pace = along_m_s / asked.inputs.traction_m_s;
+            if !asked.ends {
+                self.way.add(step_s, asked.pace, cross_m);
+            }
         }
         asked
     }

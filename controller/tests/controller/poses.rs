@@ -200,7 +200,7 @@ fn a_vehicle_whose_motors_do_not_turn_is_stopped_after_the_time_of_a_stall() {
     }
 }
 
-/// What shows is where the vehicle goes, so when it is stopped differs from start to start: after 10 to 21 s here.
+/// What shows is where the vehicle goes, so when it is stopped differs from start to start: after 2 to 35 s here.
 #[test]
 fn a_heading_that_stands_still_while_the_vehicle_turns_ends_in_a_stop() {
     for cycles_before in [0, 5, 10, 20] {
@@ -209,7 +209,7 @@ fn a_heading_that_stands_still_while_the_vehicle_turns_ends_in_a_stop() {
             rig.cycle();
         }
         let mut yaw_rad = None;
-        let stopped = stop_within(&mut rig, 30 * CYCLES_PER_S, |_, sample| {
+        let stopped = stop_within(&mut rig, 60 * CYCLES_PER_S, |_, sample| {
             if let Some(pose) = &mut sample.pose {
                 pose.value.yaw_rad = *yaw_rad.get_or_insert(pose.value.yaw_rad);
             }

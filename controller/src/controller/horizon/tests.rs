@@ -175,35 +175,42 @@ fn a_plan_is_held_to_the_begin_of_its_drive_while_it_is_behind() {
 }
 
 #[test]
-fn the_price_of_speed_grows_while_the_vehicle_waits_and_falls_when_it_moves_on() {
+fn the_price_of_speed_follows_the_cost_of_the_way() {
     let course = Course::Straight(Straight::default());
-    let mut controller = following(ControllerKind::IcrikMpc, &course, 0.0, 1, start);
-    let price = |controller: &Controller| controller.horizon.targets[0].weights.speed_s2_per_m2;
-    let mut pose = start(controller.reference.as_ref().unwrap());
-    let first = price(&controller);
-    // To set off takes less than a second.
-    see(&mut controller, &pose, 1..20);
-    assert_eq!(price(&controller), first);
-    let mut before = first;
-    for cycle in 20..60 {
-        see(&mut controller, &pose, cycle..cycle + 1);
-        assert!(price(&controller) >= before);
-        before = price(&controller);
-    }
-    assert!(before > 20.0 * first, "{before} {first}");
-    assert!(before <= pressing(WAITED_S) * first, "{before} {first}");
-    let asked_m_s = controller.horizon.targets[0].speed_m_s.max(0.4);
-    for cycle in 60..300 {
-        pose.x_m -= 0.05 * asked_m_s * pose.yaw_rad.sin();
-        pose.y_m += 0.05 * asked_m_s * pose.yaw_rad.cos();
-        let mut sample = sample(0.05 * f64::from(cycle), &pose);
-        for reading in sample.tread_speeds.iter_mut() {
-            reading.value.left_m_s = asked_m_s;
-            reading.value.right_m_s = asked_m_s;
-        }
-        controller.step(&sample, None);
-    }
-    assert_eq!(price(&controller), first);
+    let price = |beside_m: f64, cycles: usize| {
+        let beside = |reference: &Reference| {
+            let start = start(reference);
+            PlanarPose {
+                x_m: start.x_m + beside_m,
+                ..start
+            }
+        };
+        let controller = following(ControllerKind::IcrikMpc, &course, 0.0, cycles, beside);
+        let target = &controller.horizon.targets[0];
+        let own = controller.config.weights.speed / target.speed_m_s.abs().max(0.6).powi(2);
+        (target.weights.speed_s2_per_m2 / own, controller.way_cost)
+    };
+    // What the first plan costs is known after it.
+    assert!(price(0.3, 1).0 < price(0.3, 3).0);
+    let (on_path, beside) = (price(0.0, 10), price(0.3, 10));
+    assert!(on_path.1 < 0.1, "{on_path:?}");
+    assert!(beside.1 > 5.0 * on_path.1, "{beside:?} {on_path:?}");
+    assert!(beside.0 > 3.0 * on_path.0, "{beside:?} {on_path:?}");
+}
+
+#[test]
+fn a_way_that_costs_more_has_a_larger_weight_of_speed_and_no_other() {
+    let own = Weights::default();
+    assert_eq!(weights_by_way(&own, 0.0), own);
+    let dear = weights_by_way(&own, 0.4);
+    assert!((dear.speed - own.speed - 1.2).abs() < 1e-12);
+    assert_eq!(
+        Weights {
+            speed: own.speed,
+            ..dear
+        },
+        own
+    );
 }
 
 #[test]
@@ -236,42 +243,6 @@ fn circle(radius_m: f64) -> Course {
         turn: Turn::Left,
         ..Circle::default()
     })
-}
-
-#[test]
-fn only_a_vehicle_that_is_slower_than_its_motors_let_it_be_waits() {
-    let mut controller = following(ControllerKind::IcrikMpc, &circle(2.0), 0.0, 1, start);
-    let mut limits = controller.config.limits;
-    limits.steer.speed_m_s = 0.1;
-    let speeds = SpeedsNow::new(&limits, controller.horizon.half_track_m);
-    let most_m_s = speeds.at(0.5);
-    assert!((0.05..0.25).contains(&most_m_s), "{most_m_s}");
-    let point = controller.reference.as_ref().unwrap().ahead(0.0);
-    let mut progress = Progress {
-        point,
-        arc_length_m: 1.0,
-        cross_track_m: 0.0,
-        ended: false,
-    };
-    // Half of what it can is enough.
-    for (share, waits) in [(0.51, false), (0.25, true)] {
-        for _ in 0..40 {
-            progress.arc_length_m += share * most_m_s * 0.05;
-            controller.wait(&progress, &speeds, 0.05);
-        }
-        assert_eq!(controller.waited_s > 0.5, waits, "{}", controller.waited_s);
-        assert!(waits || controller.waited_s < 1e-9);
-    }
-    // A vehicle that is found elsewhere begins anew; one that is moved back by less does not.
-    progress.arc_length_m -= 0.9;
-    controller.wait(&progress, &speeds, 0.05);
-    assert!(controller.waited_s > 0.5);
-    for elsewhere_m in [-1.1, 1.1] {
-        controller.waited_s = 3.0;
-        progress.arc_length_m += elsewhere_m;
-        controller.wait(&progress, &speeds, 0.05);
-        assert_eq!(controller.waited_s, 0.0);
-    }
 }
 
 #[test]
@@ -347,10 +318,7 @@ fn changes_cost_more_in_longer_stages_and_those_of_steer_less_beside_the_path() 
 }
 
 #[test]
-fn what_was_waited_and_what_is_not_known_change_price_and_speed() {
-    for (waited_s, factor) in [(0.0, 1.0), (1.0, 1.0), (2.0, 25.0), (6.0, 441.0)] {
-        assert!((pressing(waited_s) - factor).abs() < 1e-9);
-    }
+fn a_vehicle_that_knows_less_where_it_is_drives_slower() {
     for (uncertainty, share) in [
         (0.0, 1.0),
         (0.5, 1.0),
@@ -378,14 +346,6 @@ fn what_was_waited_and_what_is_not_known_change_price_and_speed() {
         .step(&sample, None)
         .cross_track_bound_m()
         .unwrap();
-    let price = |waited_s: f64| {
-        let mut controller = controller.clone();
-        controller.waited_s = waited_s;
-        controller.step(&sample, None);
-        let price = controller.horizon.targets[0].weights.speed_s2_per_m2;
-        price / pressing(controller.waited_s)
-    };
-    assert!((price(4.0) / price(0.0) - 1.0).abs() < 1e-9);
     let speed_m_s = |largest_m: f64| {
         let mut controller = controller.clone();
         controller.config.supervisor.cross_track_uncertainty_max_m = largest_m;

@@ -101,6 +101,37 @@ fn a_drive_asks_for_the_place_beside_the_plan_and_for_the_pace_with_which_the_pl
 }
 
 #[test]
+fn a_way_costs_its_errors_and_its_slowness_over_what_is_driven_of_the_path() {
+    let weights = Weights {
+        cross_per_m2: 20.0,
+        speed: 0.3,
+        ..Weights::default()
+    };
+    let reference = straight(5.0);
+    let cost = |states: &[(f64, f64, f64)]| {
+        let mut walk = along_the_straight(&reference);
+        assert_eq!(walk.way_cost(&weights), 0.0);
+        for (along_m, left_m, end_s) in states {
+            step(&mut walk, state(*along_m, *left_m), *end_s);
+        }
+        walk.way_cost(&weights)
+    };
+    // At the asked 0.5 m/s, and at half of that; the first stage has no begin.
+    let whole = cost(&[(5.0, 0.1, 0.2), (5.1, 0.1, 0.4)]);
+    assert!((whole - 20.0 * 0.01).abs() < 1e-6, "{whole}");
+    let half = cost(&[(5.0, -0.1, 0.2), (5.05, -0.1, 0.4)]);
+    assert!((half - (0.2 + 0.3 * 0.25 / 0.5)).abs() < 1e-6, "{half}");
+    // Longer stages count for more.
+    let both = cost(&[(5.0, 0.0, 0.2), (5.1, 0.0, 0.4), (5.3, 0.2, 0.8)]);
+    assert!((both - 0.8 * 0.4 / 0.6).abs() < 1e-6, "{both}");
+    // One that stands or backs drives nothing, and its cost has a bound.
+    for back_m in [0.0, 0.1] {
+        let none = cost(&[(5.0, 0.1, 0.2), (5.0 - back_m, 0.1, 0.4)]);
+        assert_eq!(none, WAY_COST_MAX);
+    }
+}
+
+#[test]
 fn the_place_asked_for_is_beside_the_point_that_follows_the_path() {
     let reference = straight(5.0);
     let mut walk = along_the_straight(&reference);
