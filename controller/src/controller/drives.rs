@@ -1,11 +1,15 @@
 //! What the drives do with commands, learned while driving.
 //!
 //! Configured limits and delays are starting values that may be wrong: a motor may reach less speed than it is told
-//! to have, and a command may act later. Both show in the measured tread speeds beside the commands.
+//! to have, or gain it slower, and a command may act later. All of it shows in the measured tread speeds beside the
+//! commands.
+
+mod rate;
 
 use super::issued::IssuedCommands;
 use crate::config::ControllerConfig;
-use crate::mpc::limits::InputLimits;
+use crate::mpc::limits::{InputLimits, MotorLimits};
+use rate::Rate;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::speeds::MotorSpeeds;
 
@@ -44,6 +48,8 @@ const RECOVERY_M_S2: f64 = 0.03;
 const NEAR_M_S: f64 = 0.15;
 /// Time constant of the speeds that are compared, s.
 const SMOOTHING_S: f64 = 0.2;
+/// Lead of a command over a motor that gains speed slowly, beyond what it gains while it is read, m/s.
+const LEAD_M_S: f64 = 0.1;
 
 /// How the drives respond, as far as it differs from the configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -98,13 +104,14 @@ struct Motor {
     /// Smoothed speed and command, m/s.
     speed_m_s: f64,
     command_m_s: f64,
+    rate: Rate,
 }
 
 impl Motor {
-    fn new(configured_m_s: f64) -> Self {
+    fn new(configured: &MotorLimits) -> Self {
         Self {
-            configured_m_s,
-            limit_m_s: configured_m_s,
+            configured_m_s: configured.speed_m_s,
+            limit_m_s: configured.speed_m_s,
             reached_m_s: 0.0,
             asked_m_s: 0.0,
             share: 0.0,
@@ -112,14 +119,35 @@ impl Motor {
             scaled_s: 0.0,
             speed_m_s: 0.0,
             command_m_s: 0.0,
+            rate: Rate::new(configured.acceleration_m_s2),
         }
     }
 
-    /// Returns 1 for a motor that is near its command, 0 for one on a long way there, which says more of its
-    /// acceleration than of a delay.
-    fn is_near(&self) -> f64 {
+    /// Returns whether the motor is near its command, and not on a long way there, which says more of its acceleration
+    /// than of a delay.
+    fn is_near(&self) -> bool {
         let command_m_s = self.command_m_s.clamp(-self.limit_m_s, self.limit_m_s);
-        f64::from((self.speed_m_s - command_m_s).abs() < NEAR_M_S)
+        (self.speed_m_s - command_m_s).abs() < NEAR_M_S
+    }
+
+    /// Returns what the motor is known to follow of a command: one that is far ahead of a motor that gains speed slowly
+    /// says little of what it will do. `delay_s` is that of commands.
+    fn followed(&self, command_m_s: f64, delay_s: f64) -> f64 {
+        let gains = command_m_s * self.speed_m_s >= 0.0 && command_m_s.abs() > self.speed_m_s.abs();
+        if !(self.rate.is_learned() && gains) {
+            return command_m_s;
+        }
+        let lead_m_s = LEAD_M_S + self.rate.limit_m_s2() * (delay_s + SMOOTHING_S);
+        command_m_s.clamp(self.speed_m_s - lead_m_s, self.speed_m_s + lead_m_s)
+    }
+
+    /// Returns the limits as known now.
+    fn limits(&self, configured: &MotorLimits) -> MotorLimits {
+        MotorLimits {
+            speed_m_s: self.limit_m_s,
+            acceleration_m_s2: self.rate.limit_m_s2(),
+            ..*configured
+        }
     }
 
     /// Takes the speed of a reading and the command that acts at its time.
@@ -131,6 +159,9 @@ impl Motor {
         self.command_m_s += gain * (command_m_s - self.command_m_s);
         let (speed, command) = (self.speed_m_s.abs(), self.command_m_s.abs());
         let same_sense = self.speed_m_s * self.command_m_s >= 0.0;
+        let behind = same_sense && speed < command && !self.is_near();
+        let gained_m_s2 = (speed - before_m_s.abs()) / elapsed_s;
+        self.rate.observe(gained_m_s2, behind, elapsed_s);
         let steady = (speed - before_m_s.abs()).abs() <= STEADY_M_S2 * elapsed_s;
         let below = command * (1.0 - SHORT_SHARE) - SHORT_M_S > speed;
         if same_sense && below && steady {
@@ -187,8 +218,8 @@ pub(super) struct Drives {
 impl Drives {
     pub(super) fn new(config: &ControllerConfig) -> Self {
         Self {
-            traction: Motor::new(config.limits.traction.speed_m_s),
-            steer: Motor::new(config.limits.steer.speed_m_s),
+            traction: Motor::new(&config.limits.traction),
+            steer: Motor::new(&config.limits.steer),
             told_delay_s: config.delay_s(),
             delay_s: config.delay_s(),
             misfits: [0.0; DELAYS],
@@ -222,10 +253,19 @@ impl Drives {
 
     /// Returns the limits of the motors as known now.
     pub(super) fn limits(&self, configured: &InputLimits) -> InputLimits {
-        let mut limits = *configured;
-        limits.traction.speed_m_s = self.traction.limit_m_s;
-        limits.steer.speed_m_s = self.steer.limit_m_s;
-        limits
+        InputLimits {
+            traction: self.traction.limits(&configured.traction),
+            steer: self.steer.limits(&configured.steer),
+            ..*configured
+        }
+    }
+
+    /// Returns what the motors are known to follow of a command.
+    pub(super) fn followed(&self, command: MotorSpeeds) -> MotorSpeeds {
+        MotorSpeeds {
+            traction_m_s: self.traction.followed(command.traction_m_s, self.delay_s),
+            steer_m_s: self.steer.followed(command.steer_m_s, self.delay_s),
+        }
     }
 
     /// Takes effective motor speeds read at `read_s` beside the commands that led to them.
@@ -256,7 +296,8 @@ impl Drives {
     ) {
         let fade = (1.0 - elapsed_s / MEMORY_S).max(0.0);
         let within = |command: f64, limit: f64| command.clamp(-limit, limit);
-        let (traction_near, steer_near) = (self.traction.is_near(), self.steer.is_near());
+        let near = |motor: &Motor| f64::from(motor.is_near());
+        let (traction_near, steer_near) = (near(&self.traction), near(&self.steer));
         for (k, misfit) in self.misfits.iter_mut().enumerate() {
             let Some(command) = issued.at(read_s - DELAY_STEP_S * k as f64) else {
                 return;

@@ -105,7 +105,7 @@ impl Controller {
         sample: &Sample,
     ) {
         let half_track_m = self.horizon.half_track_m;
-        let previous = self.issued.last();
+        let previous = self.drives.followed(self.issued.last());
         let Law::Mpc(mpc) = &mut self.law else {
             return;
         };
@@ -208,9 +208,9 @@ impl Controller {
             let way_cost = walk.way_cost(&config.weights);
             self.way_cost += (elapsed_s / WAY_COST_S).min(1.0) * (way_cost - self.way_cost);
         }
-        let limits = self.drives.limits(&config.limits);
-        let traction_m_s = limits.traction.speed_m_s.min(FASTER_MAX * fastest_m_s);
-        mpc.set_speed_limits(traction_m_s, limits.steer.speed_m_s);
+        let mut limits = self.drives.limits(&config.limits);
+        limits.traction.speed_m_s = limits.traction.speed_m_s.min(FASTER_MAX * fastest_m_s);
+        mpc.set_motor_limits(limits.traction, limits.steer);
         if !tracked_point.is_origin() {
             self.turn_targets(tracked_point, progress.point.heading_rad);
         }
@@ -314,7 +314,7 @@ impl Controller {
         let begin_s = estimate.time_s - self.drives.response().delay_s;
         let limits = self.drives.limits(&self.config.limits);
         for (command, time_s) in self.issued.between(begin_s, estimate.time_s) {
-            let command = limits.within_bounds(command);
+            let command = self.drives.followed(limits.within_bounds(command));
             let step = mpc.model_mut().step_near(
                 &mut StepStart::default(),
                 &estimate.normal_in_world,

@@ -110,8 +110,8 @@ pub struct Condenser {
     stages: usize,
     /// Limits of this cycle.
     limits: InputLimits,
-    /// Speeds by which the rows of bounds are scaled, m/s.
-    row_speeds: [f64; 2],
+    /// Limits as they were at first, by which the rows are scaled.
+    row_limits: InputLimits,
     tread_rows: bool,
     first_inequality: usize,
     extra_rows: ExtraRows,
@@ -146,7 +146,7 @@ impl Condenser {
         let condenser = Self {
             blocks,
             stages,
-            row_speeds: [limits.traction.speed_m_s, limits.steer.speed_m_s],
+            row_limits: limits,
             limits,
             tread_rows,
             first_inequality: data.equalities,
@@ -166,10 +166,8 @@ impl Condenser {
 
     /// Returns the condenser of the same horizon with other extra rows, and its QP data.
     pub fn with_extra_rows(&self, extra_rows: Option<usize>) -> (Self, QpData) {
-        // The limits as they were at first: those of this cycle may be lower.
-        let mut limits = self.limits;
-        [limits.traction.speed_m_s, limits.steer.speed_m_s] = self.row_speeds;
         let (stages, block_stages) = (self.stages, self.block_stages);
+        let limits = self.row_limits;
         let (mut other, data) =
             Self::new(stages, block_stages, limits, extra_rows, self.cost_scale);
         other.limits = self.limits;
@@ -375,11 +373,9 @@ impl Condenser {
 
     /// Writes the right-hand sides of bounds, changes and treads.
     fn bounds(&self, stages: &[Stage], previous: MotorSpeeds, data: &mut QpData) {
-        let (traction, steer) = (&self.limits.traction, &self.limits.steer);
-        let scales = [
-            (traction.speed_m_s, change_scale(traction.acceleration_m_s2)),
-            (steer.speed_m_s, change_scale(steer.acceleration_m_s2)),
-        ];
+        let largest_m_s = [self.limits.traction.speed_m_s, self.limits.steer.speed_m_s];
+        let scales = [self.row_limits.traction, self.row_limits.steer]
+            .map(|limits| (limits.speed_m_s, change_scale(limits.acceleration_m_s2)));
         let mut before = previous;
         let mut row = self.first_inequality;
         for stage in stages {
@@ -387,12 +383,11 @@ impl Condenser {
             let last = [before.traction_m_s, before.steer_m_s];
             let changes = [stage.traction_change, stage.steer_change];
             for motor in 0..2 {
-                let (limit, change_scale) = scales[motor];
+                let (row_speed_m_s, change_scale) = scales[motor];
                 let change = own[motor] - last[motor];
-                let row_speed = self.row_speeds[motor];
-                data.b[row] = (limit - own[motor]) / row_speed;
+                data.b[row] = (largest_m_s[motor] - own[motor]) / row_speed_m_s;
                 data.b[row + 1] = (changes[motor].rise - change) * change_scale;
-                data.b[row + 2] = (limit + own[motor]) / row_speed;
+                data.b[row + 2] = (largest_m_s[motor] + own[motor]) / row_speed_m_s;
                 data.b[row + 3] = (changes[motor].fall + change) * change_scale;
                 row += 4;
             }

@@ -44,6 +44,7 @@ use crate::clock::Instant;
 use crate::tracked_point::TrackedPoint;
 use condensing::{Condenser, PlannedExtra, Stage};
 use extra::Extra;
+use limits::MotorLimits;
 use nalgebra::Vector3;
 use recursion::PlanFeedback;
 use serde::{Deserialize, Serialize};
@@ -295,11 +296,10 @@ impl Mpc {
         }
     }
 
-    /// Sets the largest speeds of the motors as they are known now, m/s; at most those of the settings.
-    pub fn set_speed_limits(&mut self, traction_m_s: f64, steer_m_s: f64) {
+    /// Sets the limits of the motors as they are known now, at most those of the settings.
+    pub fn set_motor_limits(&mut self, traction: MotorLimits, steer: MotorLimits) {
         for limits in [&mut self.settings.limits, self.condenser.limits_mut()] {
-            limits.traction.speed_m_s = traction_m_s;
-            limits.steer.speed_m_s = steer_m_s;
+            (limits.traction, limits.steer) = (traction, steer);
         }
     }
 

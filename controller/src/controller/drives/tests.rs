@@ -5,10 +5,19 @@ use crate::course::{Course, Straight};
 
 const CYCLE_S: f64 = 0.05;
 
+/// Returns a motor that is told to reach a speed, and to gain 2 m/s^2.
+fn motor(speed_m_s: f64) -> Motor {
+    Motor::new(&MotorLimits {
+        speed_m_s,
+        acceleration_m_s2: 2.0,
+        deceleration_m_s2: 2.0,
+    })
+}
+
 /// Drives for a minute with commands between 0.3 and 0.7 m/s, of which no more is asked than the motor is known to
 /// reach; returns the limit at the end of each second.
 fn limits_m_s(speed_of: impl Fn(f64) -> f64) -> Vec<f64> {
-    let mut motor = Motor::new(1.0);
+    let mut motor = motor(1.0);
     let mut limits_m_s = Vec::new();
     for cycle in 0..1200 {
         let wanted_m_s = 0.5 + 0.2 * (0.5 * CYCLE_S * f64::from(cycle)).sin();
@@ -45,7 +54,7 @@ fn speeds_that_are_scaled_down_are_no_limit() {
 
 #[test]
 fn a_limit_far_below_what_was_told_is_found_and_so_is_one_that_falls() {
-    let mut motor = Motor::new(3.0);
+    let mut motor = motor(3.0);
     for (reaches_m_s, cycles) in [(0.27, 60), (0.9, 600), (0.2, 100)] {
         for _ in 0..cycles {
             let command_m_s = 1.2_f64.min(motor.limit_m_s);
@@ -58,7 +67,7 @@ fn a_limit_far_below_what_was_told_is_found_and_so_is_one_that_falls() {
 
 #[test]
 fn a_limit_that_falls_slowly_is_one_to_its_end() {
-    let mut motor = Motor::new(1.0);
+    let mut motor = motor(1.0);
     for cycle in 0..3600 {
         let command_m_s = 0.46_f64.min(0.98 * motor.limit_m_s);
         let reaches_m_s = 0.228 * (1.0 - 0.005 * CYCLE_S * f64::from(cycle)).max(0.2);
@@ -70,7 +79,7 @@ fn a_limit_that_falls_slowly_is_one_to_its_end() {
 
 #[test]
 fn a_motor_that_swings_late_after_its_command_has_no_limit() {
-    let mut motor = Motor::new(1.0);
+    let mut motor = motor(1.0);
     for cycle in 0..1200 {
         let at = |late_s: f64| 0.9 * (1.4 * (CYCLE_S * f64::from(cycle) - late_s)).sin();
         motor.observe(0.5 * at(0.4), at(0.0), CYCLE_S);
@@ -117,7 +126,7 @@ fn a_motor_has_a_limit_where_it_stays_short_of_its_command() {
         (0.025, 0.4, Some(0.1)),
     ] {
         let what = format!("{speed_m_s} of {command_m_s}");
-        let mut motor = Motor::new(1.0);
+        let mut motor = motor(1.0);
         let changes_s = hold(&mut motor, speed_m_s, command_m_s, 5.0);
         let Some(limit_m_s) = limit_m_s else {
             assert_eq!((motor.limit_m_s, motor.asked_m_s), (1.0, 0.0), "{what}");
@@ -136,7 +145,7 @@ fn a_motor_has_a_limit_where_it_stays_short_of_its_command() {
 #[test]
 fn a_motor_on_its_way_to_its_command_has_no_limit() {
     for (rate_m_s2, limited) in [(0.09, true), (0.11, false), (-0.09, true), (-0.11, false)] {
-        let mut motor = Motor::new(1.0);
+        let mut motor = motor(1.0);
         // Smoothed it is late.
         (motor.speed_m_s, motor.command_m_s) = (0.3 - 0.15 * rate_m_s2, 0.9);
         for cycle in 1..=20 {
@@ -150,7 +159,7 @@ fn a_motor_on_its_way_to_its_command_has_no_limit() {
 #[test]
 fn speeds_are_smoothed_over_a_fifth_of_a_second() {
     for (elapsed_s, share) in [(0.05, 0.25), (0.1, 0.5), (0.6, 1.0)] {
-        let mut motor = Motor::new(1.0);
+        let mut motor = motor(1.0);
         (motor.speed_m_s, motor.command_m_s) = (0.2, -0.2);
         motor.observe(0.4, 0.4, elapsed_s);
         assert!((motor.speed_m_s - (0.2 + 0.2 * share)).abs() < 1e-12);
@@ -160,7 +169,7 @@ fn speeds_are_smoothed_over_a_fifth_of_a_second() {
 
 #[test]
 fn times_in_which_a_motor_obeys_count_against_those_in_which_it_is_short() {
-    let mut motor = Motor::new(1.0);
+    let mut motor = motor(1.0);
     assert!(hold(&mut motor, 0.3, 0.5, 0.3).is_empty());
     assert!(hold(&mut motor, 0.5, 0.5, 0.2).is_empty());
     let changes_s = hold(&mut motor, 0.3, 0.5, 0.5);
@@ -175,7 +184,7 @@ fn times_in_which_a_motor_obeys_count_against_those_in_which_it_is_short() {
 
 #[test]
 fn a_limit_rises_slowly_while_the_motor_obeys_and_is_forgotten_where_nothing_is_left_of_it() {
-    let mut motor = Motor::new(0.6);
+    let mut motor = motor(0.6);
     hold(&mut motor, 0.4, 0.55, 1.0);
     hold(&mut motor, 0.35, 0.45, 1.0);
     assert!((motor.limit_m_s - 0.36).abs() < 1e-9, "{motor:?}");
@@ -190,7 +199,7 @@ fn a_limit_rises_slowly_while_the_motor_obeys_and_is_forgotten_where_nothing_is_
 
 #[test]
 fn a_limit_that_is_met_stays() {
-    let mut motor = Motor::new(1.0);
+    let mut motor = motor(1.0);
     motor.limit_m_s = 0.205;
     assert!(hold(&mut motor, 0.2, 0.3, 1.0).is_empty());
 }
@@ -218,7 +227,7 @@ fn motors_that_were_short_of_their_commands_are_named() {
 
 /// A motor whose speeds were found to be scaled by half, at 0.2 m/s.
 fn scaled() -> Motor {
-    let mut motor = Motor::new(1.0);
+    let mut motor = motor(1.0);
     hold(&mut motor, 0.4, 0.8, 1.0);
     assert!((motor.limit_m_s - 0.41).abs() < 1e-9, "{motor:?}");
     hold(&mut motor, 0.2, 0.4, 1.0);
@@ -254,7 +263,7 @@ fn a_motor_is_scaled_down_where_the_share_is_the_same_at_much_less_speed() {
         (0.2, 0.32, 0.21),
         (0.2, 0.52, 0.21),
     ] {
-        let mut motor = Motor::new(1.0);
+        let mut motor = motor(1.0);
         hold(&mut motor, 0.4, 0.8, 1.0);
         hold(&mut motor, speed_m_s, command_m_s, 1.0);
         let found_m_s = motor.limit_m_s;
@@ -264,7 +273,7 @@ fn a_motor_is_scaled_down_where_the_share_is_the_same_at_much_less_speed() {
         );
     }
     // It is the largest speed at that share that counts, and the last share.
-    let mut motor = Motor::new(1.0);
+    let mut motor = motor(1.0);
     hold(&mut motor, 0.4, 0.8, 1.0);
     hold(&mut motor, 0.35, 0.7, 1.0);
     assert_eq!(motor.reached_m_s, 0.4);
@@ -274,6 +283,71 @@ fn a_motor_is_scaled_down_where_the_share_is_the_same_at_much_less_speed() {
     hold(&mut motor, 0.2, 0.2, 1.0);
     hold(&mut motor, 0.1, 0.3, 1.0);
     assert!((motor.limit_m_s - 0.11).abs() < 1e-9, "{motor:?}");
+}
+
+/// Returns a motor that has gained speed at 0.3 m/s^2 for two seconds, in the sense of `sign`.
+fn slow(sign: f64) -> Motor {
+    let mut motor = motor(2.0);
+    for cycle in 1..=40 {
+        motor.observe(sign * 0.3 * CYCLE_S * f64::from(cycle), sign * 1.5, CYCLE_S);
+    }
+    motor
+}
+
+#[test]
+fn a_motor_that_gains_speed_slowly_has_a_rate_and_follows_no_command_far_ahead() {
+    for sign in [1.0, -1.0] {
+        let motor = slow(sign);
+        let rate_m_s2 = motor.rate.limit_m_s2();
+        assert!((rate_m_s2 - 0.36).abs() < 0.01, "{rate_m_s2}");
+        assert_eq!(motor.limit_m_s, 2.0);
+        let speed_m_s = motor.speed_m_s.abs();
+        let lead_m_s = 0.1 + rate_m_s2 * (0.3 + 0.2);
+        for (command_m_s, followed_m_s) in [
+            (1.5, speed_m_s + lead_m_s),
+            (speed_m_s + 0.5 * lead_m_s, speed_m_s + 0.5 * lead_m_s),
+            // It is slowed down as ever.
+            (0.1, 0.1),
+            (0.0, 0.0),
+            (-1.5, -1.5),
+        ] {
+            let found_m_s = sign * motor.followed(sign * command_m_s, 0.3);
+            assert!(
+                (found_m_s - followed_m_s).abs() < 1e-9,
+                "{command_m_s}: {found_m_s}"
+            );
+        }
+    }
+    // A motor that does as told follows every command.
+    assert_eq!(motor(2.0).followed(1.5, 0.3), 1.5);
+    let mut sudden = motor(2.0);
+    for _ in 0..40 {
+        sudden.observe(0.5, 0.52, CYCLE_S);
+    }
+    assert_eq!(sudden.followed(1.5, 0.3), 1.5);
+}
+
+#[test]
+fn the_rate_of_one_motor_is_a_limit_of_that_motor_alone() {
+    let config = ControllerConfig::default();
+    let mut drives = Drives::new(&config);
+    assert_eq!(drives.limits(&config.limits), config.limits);
+    drives.steer = slow(1.0);
+    let limits = drives.limits(&config.limits);
+    assert_eq!(limits.traction, config.limits.traction);
+    assert_eq!(
+        limits.steer.acceleration_m_s2,
+        drives.steer.rate.limit_m_s2()
+    );
+    let deceleration_m_s2 = config.limits.steer.deceleration_m_s2;
+    assert_eq!(limits.steer.deceleration_m_s2, deceleration_m_s2);
+    let command = MotorSpeeds {
+        traction_m_s: 1.5,
+        steer_m_s: 1.5,
+    };
+    let followed = drives.followed(command);
+    assert_eq!(followed.traction_m_s, 1.5);
+    assert!(followed.steer_m_s < 1.0, "{followed:?}");
 }
 
 /// Drives of the default limits whose commands are told to act 0.1 s later, in a vehicle that is driven by them.

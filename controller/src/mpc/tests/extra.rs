@@ -423,8 +423,11 @@ fn an_mpc_whose_terms_were_removed_plans_as_one_that_had_none() {
     settings.limits = input_limits(0.7);
     let (mut mpc, mut twin) = (mpc(settings.clone()), mpc(settings));
     for mpc in [&mut mpc, &mut twin] {
-        // Drives of a weak battery: the rows are scaled by the speeds of full ones.
-        mpc.set_speed_limits(0.5, 0.4);
+        // Drives of a weak battery: the rows are scaled by the limits of full ones.
+        let (mut traction, mut steer) = (mpc.settings.limits.traction, mpc.settings.limits.steer);
+        (traction.speed_m_s, traction.acceleration_m_s2) = (0.5, 0.3);
+        (steer.speed_m_s, steer.acceleration_m_s2) = (0.4, 0.7);
+        mpc.set_motor_limits(traction, steer);
     }
     mpc.set_extra_terms(alike(
         along(1.0, X, [0.0; EXTRA_SIZE]),
