@@ -210,9 +210,6 @@ impl GraphMonitor {
         if age_s.is_some_and(|age_s| age_s <= MISSING_AFTER_S) {
             return None;
         }
-        if let Some(rejection) = &topic.rejection {
-            return Some(format!("its messages are rejected: {rejection}"));
-        }
         let on_topic: Vec<&Publisher> = self
             .publishers
             .values()
@@ -221,6 +218,15 @@ impl GraphMonitor {
         let (fitting, others): (Vec<&Publisher>, _) = on_topic
             .into_iter()
             .partition(|publisher| publisher.kind == topic.kind);
+        // Messages of another type may have been read as this one before their publisher was known.
+        if fitting.is_empty()
+            && let Some(other) = others.first()
+        {
+            return Some(format!("it is published as {}", other.kind));
+        }
+        if let Some(rejection) = &topic.rejection {
+            return Some(format!("its messages are rejected: {rejection}"));
+        }
         if let Some(qos) = fitting
             .iter()
             .filter(|publisher| !publisher.matched)
@@ -234,9 +240,6 @@ impl GraphMonitor {
                 |age_s| format!("but no message for {age_s:.0} s"),
             );
             return Some(format!("publishers: {}, {since}", fitting.len()));
-        }
-        if let Some(other) = others.first() {
-            return Some(format!("it is published as {}", other.kind));
         }
         Some(format!("no publisher{}", self.hint(topic)))
     }
@@ -381,6 +384,17 @@ mod tests {
             reason: LostReason::Disposed,
         });
         assert_eq!(monitor.publishers.len(), 1);
+    }
+
+    #[test]
+    fn a_message_of_another_type_that_comes_before_its_publisher_is_known_does_not_hide_the_type() {
+        let mut monitor = monitor();
+        monitor.rejected("odom", "the norm of the orientation is inf, not 1");
+        assert!(reason(&monitor).contains("rejected: the norm"));
+        publish(&mut monitor, 1, "/odom", "sensor_msgs/msg/Imu");
+        assert_eq!(reason(&monitor), "it is published as sensor_msgs/msg/Imu");
+        publish(&mut monitor, 2, "/odom", "nav_msgs/msg/Odometry");
+        assert!(reason(&monitor).contains("rejected: the norm"));
     }
 
     #[test]

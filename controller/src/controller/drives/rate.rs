@@ -1,9 +1,13 @@
 //! The rate at which a motor gains speed, where that is less than it is told to have.
 
-use super::{SHORT_S, SMOOTHING_S, STEADY_M_S2};
-
-/// Share of the rate at which a motor is seen to gain speed that is its limit, so that this does not sink with noise.
-const MARGIN_SHARE: f64 = 1.2;
+/// Factor on the rate at which a motor is seen to gain speed that gives its limit, so that this does not sink with noise.
+const MARGIN: f64 = 1.2;
+/// Time for which a motor is far behind its command before that counts, s.
+const BEHIND_S: f64 = 0.4;
+/// Least rate that counts, m/s^2: a motor that gains less is at its largest speed, or held by friction.
+const LEAST_M_S2: f64 = 0.1;
+/// Time constant of the rate, s.
+const SMOOTHING_S: f64 = 0.2;
 /// Growth of that rate, m/s^3, from which on it is that of a lag, which has yet to come up to its largest.
 const RISING_M_S3: f64 = 0.5;
 /// Growth of a limit while the motor is near its command, 1/s.
@@ -50,11 +54,10 @@ impl Rate {
             self.limit_m_s2 *= 1.0 + RECOVERY_PER_S * elapsed_s;
         } else {
             self.behind_s += elapsed_s;
-            let found_m_s2 = MARGIN_SHARE * self.gained_m_s2;
+            let found_m_s2 = MARGIN * self.gained_m_s2;
             let rises = self.gained_m_s2 - before_m_s2 > RISING_M_S3 * elapsed_s;
-            // One that gains no speed is at its largest, or held by friction.
-            let gains = self.gained_m_s2 > STEADY_M_S2;
-            if found_m_s2 > self.limit_m_s2 || (self.behind_s > SHORT_S && gains && !rises) {
+            let gains = self.gained_m_s2 > LEAST_M_S2;
+            if found_m_s2 > self.limit_m_s2 || (self.behind_s > BEHIND_S && gains && !rises) {
                 self.limit_m_s2 = found_m_s2;
             }
         }
