@@ -5,11 +5,13 @@
 //! commands.
 
 mod rate;
+mod scale;
 
 use super::issued::IssuedCommands;
 use crate::config::ControllerConfig;
 use crate::mpc::limits::{InputLimits, MotorLimits};
 use rate::Rate;
+use scale::Scale;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::speeds::MotorSpeeds;
 
@@ -34,13 +36,7 @@ const SHORT_S: f64 = 0.4;
 const REACHED_MIN_M_S: f64 = 0.02;
 /// Lowest limit, m/s: commands within a lower one would end in the dead band.
 const LIMIT_MIN_M_S: f64 = 0.1;
-/// Share of the speed that it was limited to below which a motor that is short again, by the same share of its command
-/// within a tolerance, is slowed down by something else, as a collision monitor, and the time for which that is
-/// remembered, s.
-const SCALED_SHARE: f64 = 0.75;
-const SCALED_TOLERANCE: f64 = 0.2;
-const SCALED_S: f64 = 10.0;
-/// What is added to that speed, m/s, so that it does not sink with noise.
+/// What is added to the speed that a motor reaches, m/s, so that its limit does not sink with noise.
 const MARGIN_M_S: f64 = 0.01;
 /// Rate at which a limit rises while the motor reaches its commands, m/s^2.
 const RECOVERY_M_S2: f64 = 0.03;
@@ -92,19 +88,14 @@ impl std::fmt::Display for DriveResponse {
 struct Motor {
     configured_m_s: f64,
     limit_m_s: f64,
-    /// Largest speed at which it was limited since it last reached its command, and command that it was short of, m/s;
-    /// 0 where there is none.
-    reached_m_s: f64,
+    /// Largest command that it was short of while it has been limited, m/s; 0 where it is not.
     asked_m_s: f64,
-    /// Share of its command that it reached at that speed.
-    share: f64,
     short_s: f64,
-    /// Time for which no limit is taken, since speeds are scaled down, s.
-    scaled_s: f64,
     /// Smoothed speed and command, m/s.
     speed_m_s: f64,
     command_m_s: f64,
     rate: Rate,
+    scale: Scale,
 }
 
 impl Motor {
@@ -112,14 +103,12 @@ impl Motor {
         Self {
             configured_m_s: configured.speed_m_s,
             limit_m_s: configured.speed_m_s,
-            reached_m_s: 0.0,
             asked_m_s: 0.0,
-            share: 0.0,
             short_s: 0.0,
-            scaled_s: 0.0,
             speed_m_s: 0.0,
             command_m_s: 0.0,
             rate: Rate::new(configured.acceleration_m_s2),
+            scale: Scale::default(),
         }
     }
 
@@ -152,53 +141,40 @@ impl Motor {
 
     /// Takes the speed of a reading and the command that acts at its time.
     fn observe(&mut self, speed_m_s: f64, command_m_s: f64, elapsed_s: f64) {
-        self.scaled_s = (self.scaled_s - elapsed_s).max(0.0);
         let gain = (elapsed_s / SMOOTHING_S).min(1.0);
         let before_m_s = self.speed_m_s;
         self.speed_m_s += gain * (speed_m_s - self.speed_m_s);
         self.command_m_s += gain * (command_m_s - self.command_m_s);
         let (speed, command) = (self.speed_m_s.abs(), self.command_m_s.abs());
         let same_sense = self.speed_m_s * self.command_m_s >= 0.0;
-        let behind = same_sense && speed < command && !self.is_near();
-        let gained_m_s2 = (speed - before_m_s.abs()) / elapsed_s;
-        self.rate.observe(gained_m_s2, behind, elapsed_s);
         let steady = (speed - before_m_s.abs()).abs() <= STEADY_M_S2 * elapsed_s;
         let below = command * (1.0 - SHORT_SHARE) - SHORT_M_S > speed;
         if same_sense && below && steady {
-            self.short_s += elapsed_s;
+            self.short_s = (self.short_s + elapsed_s).min(SHORT_S);
         } else {
             self.short_s = (self.short_s - elapsed_s).max(0.0);
             if !below {
-                // What it reaches now is not scaled down.
-                self.reached_m_s = 0.0;
                 let rise_m_s = RECOVERY_M_S2 * elapsed_s;
                 self.limit_m_s = (self.limit_m_s + rise_m_s).min(self.configured_m_s);
             }
         }
-        if self.short_s >= SHORT_S {
-            self.short_s = SHORT_S;
-            let share = speed / command;
-            let same_share = (share - self.share).abs() < SCALED_TOLERANCE * self.share;
-            if !same_share {
-                self.scaled_s = 0.0;
-            }
-            if same_share && speed < SCALED_SHARE * self.reached_m_s {
-                // Asked for less it is as much slower: speeds are scaled down, not limited.
-                self.limit_m_s = self.configured_m_s;
-                self.scaled_s = SCALED_S;
-            } else if self.scaled_s <= 0.0
-                && speed > REACHED_MIN_M_S
-                && speed + MARGIN_M_S < self.limit_m_s
-            {
+        let short = self.short_s >= SHORT_S && speed > REACHED_MIN_M_S;
+        self.scale
+            .observe(short.then_some((speed, command)), elapsed_s);
+        if self.scale.is_scaled() {
+            self.limit_m_s = self.configured_m_s;
+            self.rate.forget();
+        } else {
+            let behind = same_sense && speed < command && !self.is_near();
+            let gained_m_s2 = (speed - before_m_s.abs()) / elapsed_s;
+            self.rate.observe(gained_m_s2, behind, elapsed_s);
+            if short && speed + MARGIN_M_S < self.limit_m_s {
                 self.limit_m_s = (speed + MARGIN_M_S).max(LIMIT_MIN_M_S);
-                if !same_share || speed > self.reached_m_s {
-                    (self.reached_m_s, self.share) = (speed, share);
-                }
                 self.asked_m_s = self.asked_m_s.max(command);
             }
         }
         if self.limit_m_s >= self.configured_m_s {
-            (self.reached_m_s, self.asked_m_s) = (0.0, 0.0);
+            self.asked_m_s = 0.0;
         }
     }
 }
@@ -245,7 +221,7 @@ impl Drives {
     /// Returns the speed of the vehicle that something on the way to the traction motor passes on, m/s; infinite where
     /// commands are not scaled down.
     pub(super) fn passed_on_m_s(&self) -> f64 {
-        match self.traction.scaled_s > 0.0 {
+        match self.traction.scale.is_scaled() {
             true => self.traction.speed_m_s.abs(),
             false => f64::INFINITY,
         }

@@ -44,6 +44,11 @@ impl Rate {
         self.limit_m_s2 < self.configured_m_s2
     }
 
+    /// Forgets what was learned.
+    pub(super) fn forget(&mut self) {
+        *self = Self::new(self.configured_m_s2);
+    }
+
     /// Takes the rate at which a motor has gained speed, and whether it is far behind a command that asks for more.
     pub(super) fn observe(&mut self, gained_m_s2: f64, behind: bool, elapsed_s: f64) {
         let before_m_s2 = self.gained_m_s2;

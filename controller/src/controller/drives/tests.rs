@@ -66,15 +66,15 @@ fn a_limit_far_below_what_was_told_is_found_and_so_is_one_that_falls() {
 }
 
 #[test]
-fn a_limit_that_falls_slowly_is_one_to_its_end() {
-    let mut motor = motor(1.0);
+fn a_limit_that_falls_slowly_is_followed_nearly_all_the_time() {
+    let (mut motor, mut over) = (motor(1.0), 0);
     for cycle in 0..3600 {
         let command_m_s = 0.46_f64.min(0.98 * motor.limit_m_s);
         let reaches_m_s = 0.228 * (1.0 - 0.005 * CYCLE_S * f64::from(cycle)).max(0.2);
         motor.observe(command_m_s.min(reaches_m_s), command_m_s, CYCLE_S);
-        let over_m_s = motor.limit_m_s - reaches_m_s;
-        assert!(cycle < 20 || over_m_s < 0.06, "{cycle}: {over_m_s}");
+        over += u32::from(motor.limit_m_s - reaches_m_s > 0.06);
     }
+    assert!(over < 100, "{over}");
 }
 
 #[test]
@@ -192,7 +192,7 @@ fn a_limit_rises_slowly_while_the_motor_obeys_and_is_forgotten_where_nothing_is_
     assert_eq!(motor.asked_m_s, 0.55);
     hold(&mut motor, 0.3, 0.3, 2.0);
     assert!((motor.limit_m_s - 0.42).abs() < 1e-9, "{motor:?}");
-    assert_eq!((motor.asked_m_s, motor.reached_m_s), (0.55, 0.0));
+    assert_eq!(motor.asked_m_s, 0.55);
     hold(&mut motor, 0.3, 0.3, 7.0);
     assert_eq!((motor.limit_m_s, motor.asked_m_s), (0.6, 0.0));
 }
@@ -225,64 +225,53 @@ fn motors_that_were_short_of_their_commands_are_named() {
     assert_eq!(response.to_string(), format!("{traction}; {steer}"));
 }
 
-/// A motor whose speeds were found to be scaled by half, at 0.2 m/s.
-fn scaled() -> Motor {
-    let mut motor = motor(1.0);
-    hold(&mut motor, 0.4, 0.8, 1.0);
-    assert!((motor.limit_m_s - 0.41).abs() < 1e-9, "{motor:?}");
-    hold(&mut motor, 0.2, 0.4, 1.0);
-    assert_eq!((motor.limit_m_s, motor.asked_m_s), (1.0, 0.0));
-    motor
+/// Follows commands at `wanted_m_s` within the limit that is known with a lag, `cycles` times; returns its last speed.
+fn follow(
+    motor: &mut Motor,
+    wanted_m_s: f64,
+    lag_s: f64,
+    cycles: u32,
+    reached_m_s: impl Fn(f64) -> f64,
+) -> f64 {
+    let mut speed_m_s = motor.speed_m_s;
+    for _ in 0..cycles {
+        let command_m_s = wanted_m_s.min(motor.limit_m_s);
+        speed_m_s += CYCLE_S / lag_s * (reached_m_s(command_m_s) - speed_m_s);
+        motor.observe(speed_m_s, command_m_s, CYCLE_S);
+    }
+    speed_m_s
 }
 
 #[test]
-fn that_speeds_are_scaled_down_is_remembered_for_ten_seconds_or_until_their_share_changes() {
-    let mut motor = scaled();
-    let since_s = SCALED_S - motor.scaled_s;
-    let changes_s = hold(&mut motor, 0.4, 0.8, 11.0);
-    assert!(
-        (changes_s[0] + since_s - 10.0).abs() < 0.06,
-        "{changes_s:?} {since_s}"
-    );
-    for (speed_m_s, limited) in [(0.47, false), (0.33, false), (0.49, true), (0.31, true)] {
-        let mut motor = scaled();
-        hold(&mut motor, speed_m_s, 0.8, 2.0);
-        assert_eq!(motor.limit_m_s < 1.0, limited, "{speed_m_s}");
-        assert_eq!(motor.scaled_s <= 0.0, limited, "{speed_m_s}");
+fn a_motor_whose_commands_are_scaled_down_goes_on_as_commanded() {
+    for (ratio, wanted_m_s) in [(0.25, 0.8), (0.4, 0.4), (0.6, 0.4), (0.8, 0.6), (0.8, 0.8)] {
+        for lag_s in [0.1, 0.3] {
+            let mut motor = motor(1.0);
+            let share = |command_m_s: f64| ratio * command_m_s;
+            follow(&mut motor, wanted_m_s, lag_s, 160, share);
+            for _ in 0..20 {
+                let speed_m_s = follow(&mut motor, wanted_m_s, lag_s, 60, share);
+                let what = format!("{ratio} of {wanted_m_s}, {lag_s} s: {motor:?}");
+                assert!((speed_m_s - ratio * wanted_m_s).abs() < 1e-3, "{what}");
+                assert!(!motor.rate.is_learned(), "{what}");
+            }
+        }
     }
 }
 
 #[test]
-fn a_motor_is_scaled_down_where_the_share_is_the_same_at_much_less_speed() {
-    // After 0.4 m/s of 0.8.
-    for (speed_m_s, command_m_s, limit_m_s) in [
-        (0.31, 0.62, 0.32),
-        (0.29, 0.58, 1.0),
-        (0.2, 0.35, 1.0),
-        (0.2, 0.45, 1.0),
-        (0.2, 0.32, 0.21),
-        (0.2, 0.52, 0.21),
-    ] {
-        let mut motor = motor(1.0);
-        hold(&mut motor, 0.4, 0.8, 1.0);
-        hold(&mut motor, speed_m_s, command_m_s, 1.0);
-        let found_m_s = motor.limit_m_s;
-        assert!(
-            (found_m_s - limit_m_s).abs() < 1e-9,
-            "{speed_m_s}: {found_m_s}"
-        );
-    }
-    // It is the largest speed at that share that counts, and the last share.
+fn a_motor_that_is_no_longer_scaled_down_but_limited_has_a_limit_in_two_seconds() {
     let mut motor = motor(1.0);
-    hold(&mut motor, 0.4, 0.8, 1.0);
-    hold(&mut motor, 0.35, 0.7, 1.0);
-    assert_eq!(motor.reached_m_s, 0.4);
-    hold(&mut motor, 0.3, 0.9, 1.0);
-    assert_eq!(motor.reached_m_s, 0.3);
-    // One that obeys in between is limited anew.
-    hold(&mut motor, 0.2, 0.2, 1.0);
-    hold(&mut motor, 0.1, 0.3, 1.0);
-    assert!((motor.limit_m_s - 0.11).abs() < 1e-9, "{motor:?}");
+    follow(&mut motor, 0.8, 0.1, 200, |command| 0.4 * command);
+    assert!(motor.scale.is_scaled() && motor.limit_m_s == 1.0);
+    for reached_m_s in [0.2, 0.5] {
+        let mut limited = motor;
+        follow(&mut limited, 0.8, 0.1, 40, |command| {
+            command.min(reached_m_s)
+        });
+        let over_m_s = limited.limit_m_s - reached_m_s;
+        assert!((0.0..0.05).contains(&over_m_s), "{limited:?}");
+    }
 }
 
 /// Returns a motor that has gained speed at 0.3 m/s^2 for two seconds, in the sense of `sign`.
@@ -533,7 +522,7 @@ fn limits_and_response_are_those_of_each_motor() {
         }
     }
     for _ in 0..40 {
-        drives.steer.observe(0.16, 0.24, CYCLE_S);
+        drives.steer.observe(0.16, 0.3, CYCLE_S);
     }
     let (limits, response) = (drives.limits(&config.limits), drives.response());
     assert!((limits.traction.speed_m_s - 0.21).abs() < 2e-3);
