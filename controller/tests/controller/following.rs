@@ -525,3 +525,29 @@ fn on_the_way_back_to_its_path_a_vehicle_is_at_most_a_quarter_faster_than_allowe
         );
     }
 }
+
+#[test]
+fn a_vehicle_whose_commands_are_scaled_down_drives_at_that_share_of_its_speed() {
+    for (ratio, speed_m_s) in [(0.8, 0.4), (0.4, 0.4), (0.4, 0.8), (0.25, 0.8)] {
+        for kind in [ControllerKind::ContactMpc, ControllerKind::IcrikMpc] {
+            let straight = format!("{{shape: straight, length_m: 8, speed_m_s: {speed_m_s}}}");
+            let mut setup = Setup::new(course(&straight));
+            setup.kind = kind;
+            setup.drive_train = serde_yaml::from_str(&format!(
+                "{{traction: {{time_constant_s: 0.1}}, steer: {{time_constant_s: 0.1}},
+                  collision_monitor: [{{from_s: 0, to_s: 1000, slowdown_ratio: {ratio}}}]}}"
+            ))
+            .unwrap();
+            let mut rig = setup.build();
+            let period_s = rig.controller.config().period_s;
+            let (mut time_s, what) = (0.0, format!("{kind:?}, {ratio} of {speed_m_s} m/s"));
+            while rig.cycle().status != Status::Finished {
+                time_s += period_s;
+                assert!(time_s < 200.0, "{what}");
+            }
+            // It needs up to 8 s to know, and brakes.
+            let at_best_s = 8.0 / (ratio * speed_m_s);
+            assert!(time_s < 1.2 * at_best_s + 8.0, "{what}: {time_s} s");
+        }
+    }
+}
