@@ -570,10 +570,9 @@ fn a_run_repeats_every_bit() {
 }
 
 /// Drives for 25 s over drives of this kind, and returns what was recorded of them.
-fn said_of_drives(drive_train: &str) -> Vec<String> {
+fn said_of_drives(drive_train: &str, safety: SafetyConfig) -> Vec<String> {
     let config = CycleConfig::default();
     let pilot = InlineRunner::new(controller(config.period_s));
-    let safety = SafetyConfig::default();
     let (mut cycle, mut records) = cycle_over(port_with(drive_train), config, safety, pilot);
     let mut said = Vec::new();
     for i in 0..(25.0 / config.period_s) as u32 {
@@ -597,7 +596,7 @@ fn a_motor_that_is_weaker_than_told_is_named_and_one_that_is_not_never() {
     let weak = format!(
         "{{traction: {{speed_max_m_s: 0.4, acceleration_max_m_s2: 2, deceleration_max_m_s2: 2}}, {STEER}}}"
     );
-    let said = said_of_drives(&weak);
+    let said = said_of_drives(&weak, SafetyConfig::default());
     // It is fast enough where the course is slow: then it is short no more, and later again.
     assert!((1..=5).contains(&said.len()), "{said:?}");
     for (i, said) in said.iter().enumerate() {
@@ -607,5 +606,23 @@ fn a_motor_that_is_weaker_than_told_is_named_and_one_that_is_not_never() {
     }
     let strong =
         format!("{{traction: {{acceleration_max_m_s2: 2, deceleration_max_m_s2: 2}}, {STEER}}}");
-    assert_eq!(said_of_drives(&strong), Vec::<String>::new());
+    let said = said_of_drives(&strong, SafetyConfig::default());
+    assert_eq!(said, Vec::<String>::new());
+}
+
+#[test]
+fn commands_that_are_scaled_down_are_told_from_a_weak_motor() {
+    // As where the safety hears what is forwarded.
+    let safety = SafetyConfig {
+        plausible_difference_m_s: 0.5,
+        ..SafetyConfig::default()
+    };
+    let slow = "{collision_monitor: [{from_s: 0, to_s: 1000, slowdown_ratio: 0.6}]}";
+    let said = said_of_drives(slow, safety);
+    let scaled = "commands of the traction motor are scaled down to 60 %";
+    let found = said.iter().position(|said| said.contains(scaled));
+    let found = found.unwrap_or_else(|| panic!("{said:?}"));
+    for said in &said[found..] {
+        assert!(!said.contains("the traction motor reaches"), "{said}");
+    }
 }

@@ -17,7 +17,7 @@ mod walk;
 mod watchdog;
 
 pub use decision::{Decision, Stall, Status, StopReason};
-pub use drives::DriveResponse;
+pub use drives::{DriveResponse, LearnedMotor};
 pub use parts::ControllerError;
 pub use predictions::{AHEAD_S, Ahead};
 

@@ -81,15 +81,23 @@ pub(super) fn controller_status(decision: &Decision, drives: &DriveResponse) -> 
 }
 
 /// Returns how the drives respond: in words, empty where they do as they are told, and in figures.
-pub fn drive_values(drives: &DriveResponse) -> [KeyValue; 4] {
+pub fn drive_values(drives: &DriveResponse) -> [KeyValue; 8] {
     let number = |value: f64| format!("{value:.3}");
+    let (traction, steer) = (&drives.traction, &drives.steer);
     [
         ("drives", drives.to_string()),
+        ("traction_reached_m_s", number(traction.speed_max_m_s)),
+        ("steer_reached_m_s", number(steer.speed_max_m_s)),
         (
-            "traction_reached_m_s",
-            number(drives.speed_max.traction_m_s),
+            "traction_acceleration_m_s2",
+            number(traction.acceleration_max_m_s2),
         ),
-        ("steer_reached_m_s", number(drives.speed_max.steer_m_s)),
+        (
+            "steer_acceleration_m_s2",
+            number(steer.acceleration_max_m_s2),
+        ),
+        ("traction_share", number(traction.share)),
+        ("steer_share", number(steer.share)),
         ("drive_delay_s", number(drives.delay_s)),
     ]
     .map(|(key, value)| KeyValue {

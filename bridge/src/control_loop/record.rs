@@ -132,26 +132,29 @@ impl Record for LoopRecord {
     }
 }
 
-/// Share of a motor's largest speed by which it falls for the response of the drives to be another.
-const SPEED_LOSS: f64 = 0.1;
+/// Share by which the largest speed of a motor, or what it follows of its commands, falls for the response of the
+/// drives to be another.
+const LOSS: f64 = 0.1;
 
 /// Returns whether a response of the drives is worth another record than the last: a motor falls short of its
-/// commands or reaches them again, or its largest speed has fallen by a tenth. That it rises is not: it does while
-/// less is commanded.
+/// commands or reaches them again, or what it reaches has fallen by a tenth. That it rises is not: it does while less
+/// is commanded.
 pub fn differs(last: Option<&DriveResponse>, now: &DriveResponse) -> bool {
-    // The speed that a motor reaches, where it is short of its commands.
-    let short = |response: &DriveResponse| {
-        let (asked, reached) = (response.asked, response.speed_max);
+    let reached = |response: &DriveResponse| {
+        let DriveResponse {
+            traction, steer, ..
+        } = response;
         [
-            (asked.traction_m_s, reached.traction_m_s),
-            (asked.steer_m_s, reached.steer_m_s),
+            traction.short_m_s(),
+            traction.scaled(),
+            steer.short_m_s(),
+            steer.scaled(),
         ]
-        .map(|(asked_m_s, reached_m_s)| (asked_m_s > reached_m_s).then_some(reached_m_s))
     };
-    let before = last.map_or([None; 2], short);
-    let pairs = before.into_iter().zip(short(now));
+    let before = last.map_or([None; 4], reached);
+    let pairs = before.into_iter().zip(reached(now));
     pairs.into_iter().any(|pair| match pair {
-        (Some(before_m_s), Some(now_m_s)) => now_m_s < (1.0 - SPEED_LOSS) * before_m_s,
+        (Some(before), Some(now)) => now < (1.0 - LOSS) * before,
         (before, now) => before.is_some() != now.is_some(),
     })
 }

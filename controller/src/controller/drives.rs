@@ -50,33 +50,59 @@ const LEAD_M_S: f64 = 0.1;
 /// How the drives respond, as far as it differs from the configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct DriveResponse {
-    /// Largest speeds that the motors reach, m/s; at most those configured.
-    pub speed_max: MotorSpeeds,
+    /// Motor that drives both treads alike.
+    pub traction: LearnedMotor,
+    /// Motor that drives them against each other.
+    pub steer: LearnedMotor,
     /// Time after which a command acts, lag included, s.
     pub delay_s: f64,
-    /// Speeds that motors were commanded when they were last short of them, m/s; 0 of one that was not.
-    pub asked: MotorSpeeds,
+}
+
+/// What was learned of a motor.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct LearnedMotor {
+    /// Largest speed that it reaches, m/s; at most that configured.
+    pub speed_max_m_s: f64,
+    /// Speed that it was commanded when it was last short of that, m/s; 0 where it was not.
+    pub asked_m_s: f64,
+    /// Largest rate at which it gains speed, m/s^2; at most that configured.
+    pub acceleration_max_m_s2: f64,
+    /// Share of its commands that it follows, where something scales them down; otherwise 1.
+    pub share: f64,
+}
+
+impl LearnedMotor {
+    /// Returns the largest speed that the motor reaches, m/s, where it is short of its commands.
+    pub fn short_m_s(&self) -> Option<f64> {
+        (self.asked_m_s > self.speed_max_m_s).then_some(self.speed_max_m_s)
+    }
+
+    /// Returns the share of its commands that it follows, where something scales them down.
+    pub fn scaled(&self) -> Option<f64> {
+        (self.share < 1.0).then_some(self.share)
+    }
 }
 
 impl std::fmt::Display for DriveResponse {
     /// Writes what a driver has to know; nothing where the drives do as they are told.
     fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let mut first = true;
-        for (name, reached, asked) in [
-            (
-                "traction",
-                self.speed_max.traction_m_s,
-                self.asked.traction_m_s,
-            ),
-            ("steer", self.speed_max.steer_m_s, self.asked.steer_m_s),
-        ] {
-            if asked > reached {
-                let separator = if first { "" } else { "; " };
-                first = false;
+        let mut separator = "";
+        for (name, motor) in [("traction", &self.traction), ("steer", &self.steer)] {
+            if let Some(reached_m_s) = motor.short_m_s() {
+                let asked_m_s = motor.asked_m_s;
                 write!(
                     out,
-                    "{separator}the {name} motor reaches {reached:.2} m/s of {asked:.2} commanded"
+                    "{separator}the {name} motor reaches {reached_m_s:.2} m/s of {asked_m_s:.2} commanded"
                 )?;
+                separator = "; ";
+            }
+            if let Some(share) = motor.scaled() {
+                let percent = 100.0 * share;
+                write!(
+                    out,
+                    "{separator}commands of the {name} motor are scaled down to {percent:.0} %"
+                )?;
+                separator = "; ";
             }
         }
         Ok(())
@@ -128,6 +154,15 @@ impl Motor {
         }
         let lead_m_s = LEAD_M_S + self.rate.limit_m_s2() * (delay_s + SMOOTHING_S);
         command_m_s.clamp(self.speed_m_s - lead_m_s, self.speed_m_s + lead_m_s)
+    }
+
+    fn response(&self) -> LearnedMotor {
+        LearnedMotor {
+            speed_max_m_s: self.limit_m_s,
+            asked_m_s: self.asked_m_s,
+            acceleration_max_m_s2: self.rate.limit_m_s2(),
+            share: self.scale.share(),
+        }
     }
 
     /// Returns the limits as known now.
@@ -206,15 +241,9 @@ impl Drives {
     /// Returns how the drives respond as known now.
     pub(super) fn response(&self) -> DriveResponse {
         DriveResponse {
-            speed_max: MotorSpeeds {
-                traction_m_s: self.traction.limit_m_s,
-                steer_m_s: self.steer.limit_m_s,
-            },
+            traction: self.traction.response(),
+            steer: self.steer.response(),
             delay_s: self.delay_s,
-            asked: MotorSpeeds {
-                traction_m_s: self.traction.asked_m_s,
-                steer_m_s: self.steer.asked_m_s,
-            },
         }
     }
 

@@ -23,7 +23,8 @@ const BINS_S: [f64; 12] = [
 ];
 
 /// What units are called at the end of a key, longest first: spelled out, and how much of the base unit one is.
-const UNITS: [(&str, &str, f64); 6] = [
+const UNITS: [(&str, &str, f64); 7] = [
+    ("_m_s2", "meters_per_second_squared", 1.0),
     ("_rad_s", "radians_per_second", 1.0),
     ("_m_s", "meters_per_second", 1.0),
     ("_rad", "radians", 1.0),

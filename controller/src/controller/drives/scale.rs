@@ -32,10 +32,23 @@ impl Scale {
         self.scaled
     }
 
+    /// Returns the share of commands that the motor follows, where they are scaled down; otherwise 1.
+    pub(super) fn share(&self) -> f64 {
+        if self.scaled {
+            self.fitted_share()
+        } else {
+            1.0
+        }
+    }
+
+    fn fitted_share(&self) -> f64 {
+        self.speed_command / self.command_command
+    }
+
     /// Takes speed and command of a motor, positive m/s, where it is short of that command and steady.
     pub(super) fn observe(&mut self, short: Option<(f64, f64)>, elapsed_s: f64) {
         if let Some((speed, command)) = short {
-            let expected = self.speed_command / self.command_command * command;
+            let expected = self.fitted_share() * command;
             if self.scaled && (speed - expected).abs() > CHANGED * expected + 2.0 * NOISE_M_S {
                 *self = Self::default();
             }
@@ -57,8 +70,7 @@ impl Scale {
             return;
         }
         let limited = self.speed_speed - self.speed * self.speed / self.time_s;
-        let scaled =
-            self.speed_speed - self.speed_command * self.speed_command / self.command_command;
+        let scaled = self.speed_speed - self.fitted_share() * self.speed_command;
         let noise = NOISE_M_S * NOISE_M_S * self.time_s;
         if limited > BETTER * scaled + noise {
             self.scaled = true;
@@ -93,6 +105,8 @@ mod tests {
             let mut scale = Scale::default();
             observed(&mut scale, commands_m_s, |command| 0.5 * command);
             assert_eq!(scale.is_scaled(), scaled, "{commands_m_s:?}");
+            let share = if scaled { 0.5 } else { 1.0 };
+            assert!((scale.share() - share).abs() < 1e-9, "{commands_m_s:?}");
             scale = Scale::default();
             observed(&mut scale, commands_m_s, |_| 0.3);
             assert!(!scale.is_scaled());

@@ -205,23 +205,29 @@ fn a_limit_that_is_met_stays() {
 }
 
 #[test]
-fn motors_that_were_short_of_their_commands_are_named() {
+fn motors_that_do_not_as_commanded_are_named() {
+    let motor = |speed_max_m_s| LearnedMotor {
+        speed_max_m_s,
+        asked_m_s: 0.0,
+        acceleration_max_m_s2: 1.0,
+        share: 1.0,
+    };
     let mut response = DriveResponse {
-        speed_max: MotorSpeeds {
-            traction_m_s: 0.6,
-            steer_m_s: 0.4,
-        },
+        traction: motor(0.6),
+        steer: motor(0.4),
         delay_s: 0.1,
-        asked: MotorSpeeds::STOP,
     };
     assert_eq!(response.to_string(), "");
-    response.asked.steer_m_s = 0.4;
+    response.steer.asked_m_s = 0.4;
     assert_eq!(response.to_string(), "");
-    response.asked.steer_m_s = 0.5;
+    response.steer.asked_m_s = 0.5;
     let steer = "the steer motor reaches 0.40 m/s of 0.50 commanded";
     assert_eq!(response.to_string(), steer);
-    response.asked.traction_m_s = 0.8;
+    response.traction.asked_m_s = 0.8;
     let traction = "the traction motor reaches 0.60 m/s of 0.80 commanded";
+    assert_eq!(response.to_string(), format!("{traction}; {steer}"));
+    (response.traction.asked_m_s, response.traction.share) = (0.0, 0.4);
+    let traction = "commands of the traction motor are scaled down to 40 %";
     assert_eq!(response.to_string(), format!("{traction}; {steer}"));
 }
 
@@ -527,10 +533,10 @@ fn limits_and_response_are_those_of_each_motor() {
     let (limits, response) = (drives.limits(&config.limits), drives.response());
     assert!((limits.traction.speed_m_s - 0.21).abs() < 2e-3);
     assert!((limits.steer.speed_m_s - 0.17).abs() < 2e-3);
-    assert_eq!(response.speed_max.traction_m_s, limits.traction.speed_m_s);
-    assert_eq!(response.speed_max.steer_m_s, limits.steer.speed_m_s);
-    assert!((response.asked.traction_m_s - 0.3).abs() < 2e-3);
-    assert!((response.asked.steer_m_s - 0.3).abs() < 2e-3);
+    assert_eq!(response.traction.speed_max_m_s, limits.traction.speed_m_s);
+    assert_eq!(response.steer.speed_max_m_s, limits.steer.speed_m_s);
+    assert!((response.traction.asked_m_s - 0.3).abs() < 2e-3);
+    assert!((response.steer.asked_m_s - 0.3).abs() < 2e-3);
 }
 
 #[test]
@@ -564,6 +570,6 @@ fn a_controller_learns_of_its_drives_from_the_speeds_that_it_sees() {
         pose.y_m += 0.2 * CYCLE_S;
     }
     let response = controller.drives.response();
-    assert!(response.speed_max.traction_m_s < 0.25, "{response:?}");
-    assert!(response.asked.traction_m_s > 0.3, "{response:?}");
+    assert!(response.traction.speed_max_m_s < 0.25, "{response:?}");
+    assert!(response.traction.asked_m_s > 0.3, "{response:?}");
 }

@@ -82,6 +82,8 @@ function showDiagnostics() {
     const figures = [
       ['largest traction', values.traction_reached_m_s, 'm/s'],
       ['largest steer', values.steer_reached_m_s, 'm/s'],
+      ['traction gains', values.traction_acceleration_m_s2, 'm/s²'],
+      ['steer gains', values.steer_acceleration_m_s2, 'm/s²'],
       ['a command acts after', values.drive_delay_s, 's'],
     ];
     $('motors').replaceChildren(...figures.flatMap(([name, value, unit]) =>
