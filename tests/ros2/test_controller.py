@@ -624,7 +624,9 @@ def test_a_killed_vehicle_ends_the_goal_with_commands_of_zero(rig):
     goal = r.sent_off()
     r.vehicle.program.kill()
     answer = goal.result(timeout_s=30)
-    assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, TF_ERROR)
+    # Odometry and attitude are missed after 0.3 s each: which of them first depends on when the vehicle dies.
+    assert answer.status == FollowPath.ABORTED
+    assert answer.result.error_code in (TF_ERROR, NO_VALID_CONTROL), answer.result
     wait_for(r.commands_zero, "commands of zero")
 
 

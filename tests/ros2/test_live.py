@@ -95,6 +95,7 @@ def set_from_the_viewer(stack, port, peer):
 def named(key):
     """The name of a metric of a value in /diagnostics."""
     units = {
+        "_m_s2": "_meters_per_second_squared",
         "_rad_s": "_radians_per_second",
         "_m_s": "_meters_per_second",
         "_rad": "_radians",
