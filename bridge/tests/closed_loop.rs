@@ -619,7 +619,7 @@ fn commands_that_are_scaled_down_are_told_from_a_weak_motor() {
     };
     let slow = "{collision_monitor: [{from_s: 0, to_s: 1000, slowdown_ratio: 0.6}]}";
     let said = said_of_drives(slow, safety);
-    let scaled = "commands of the traction motor are scaled down to 60 %";
+    let scaled = "commands are scaled down to 60 %";
     let found = said.iter().position(|said| said.contains(scaled));
     let found = found.unwrap_or_else(|| panic!("{said:?}"));
     for said in &said[found..] {

@@ -132,7 +132,7 @@ impl Record for LoopRecord {
     }
 }
 
-/// Share by which the largest speed of a motor, or what it follows of its commands, falls for the response of the
+/// Share by which the largest speed of a motor, or the share of commands that is followed, falls for the response of the
 /// drives to be another.
 const LOSS: f64 = 0.1;
 
@@ -141,17 +141,10 @@ const LOSS: f64 = 0.1;
 /// is commanded.
 pub fn differs(last: Option<&DriveResponse>, now: &DriveResponse) -> bool {
     let reached = |response: &DriveResponse| {
-        let DriveResponse {
-            traction, steer, ..
-        } = response;
-        [
-            traction.short_m_s(),
-            traction.scaled(),
-            steer.short_m_s(),
-            steer.scaled(),
-        ]
+        let (traction, steer) = (response.traction.short_m_s(), response.steer.short_m_s());
+        [traction, steer, response.scaled()]
     };
-    let before = last.map_or([None; 4], reached);
+    let before = last.map_or([None; 3], reached);
     let pairs = before.into_iter().zip(reached(now));
     pairs.into_iter().any(|pair| match pair {
         (Some(before), Some(now)) => now < (1.0 - LOSS) * before,

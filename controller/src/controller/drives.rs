@@ -11,7 +11,7 @@ use super::issued::IssuedCommands;
 use crate::config::ControllerConfig;
 use crate::mpc::limits::{InputLimits, MotorLimits};
 use rate::Rate;
-use scale::Scale;
+use scale::{SHORT_M_S, Scale, is_short};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::speeds::MotorSpeeds;
 
@@ -25,13 +25,18 @@ const TOLD_WEIGHT: f64 = 0.3;
 /// Time constant with which the delay in use follows the one that fits best, s.
 const FOLLOW_S: f64 = 1.0;
 
-/// Share of a command, and part of it, m/s, by which a motor must stay below it to be short of it.
-const SHORT_SHARE: f64 = 0.05;
-const SHORT_M_S: f64 = 0.02;
 /// Rate at which the speed of a motor that is short changes, m/s^2, from which it is on its way and not at a limit.
 const STEADY_M_S2: f64 = 0.1;
+/// Rate at which a command changes up to which its motor can follow, m/s^2.
+const SETTLED_M_S2: f64 = 0.2;
+/// Factor on its command, beside the part above, beyond which a motor is faster than that.
+const FASTER: f64 = 1.2;
+/// Share of its limit from which on a motor that obeys confirms it.
+const NEAR_LIMIT: f64 = 0.8;
 /// Time for which a motor is short before its speed is taken for its limit, s.
 const SHORT_S: f64 = 0.4;
+/// Time for which no limit is taken after one was taken back, s: commands rise, and the motor follows or does not.
+const TRIED_S: f64 = 0.6;
 /// Speed that a motor reaches at least where that is a limit and not a friction that it overcomes, m/s.
 const REACHED_MIN_M_S: f64 = 0.02;
 /// Lowest limit, m/s: commands within a lower one would end in the dead band.
@@ -54,6 +59,8 @@ pub struct DriveResponse {
     pub traction: LearnedMotor,
     /// Motor that drives them against each other.
     pub steer: LearnedMotor,
+    /// Share of commands that the motors follow, where something scales them down; otherwise 1.
+    pub share: f64,
     /// Time after which a command acts, lag included, s.
     pub delay_s: f64,
 }
@@ -67,8 +74,6 @@ pub struct LearnedMotor {
     pub asked_m_s: f64,
     /// Largest rate at which it gains speed, m/s^2; at most that configured.
     pub acceleration_max_m_s2: f64,
-    /// Share of its commands that it follows, where something scales them down; otherwise 1.
-    pub share: f64,
 }
 
 impl LearnedMotor {
@@ -76,8 +81,10 @@ impl LearnedMotor {
     pub fn short_m_s(&self) -> Option<f64> {
         (self.asked_m_s > self.speed_max_m_s).then_some(self.speed_max_m_s)
     }
+}
 
-    /// Returns the share of its commands that it follows, where something scales them down.
+impl DriveResponse {
+    /// Returns the share of commands that the motors follow, where something scales them down.
     pub fn scaled(&self) -> Option<f64> {
         (self.share < 1.0).then_some(self.share)
     }
@@ -96,14 +103,13 @@ impl std::fmt::Display for DriveResponse {
                 )?;
                 separator = "; ";
             }
-            if let Some(share) = motor.scaled() {
-                let percent = 100.0 * share;
-                write!(
-                    out,
-                    "{separator}commands of the {name} motor are scaled down to {percent:.0} %"
-                )?;
-                separator = "; ";
-            }
+        }
+        if let Some(share) = self.scaled() {
+            write!(
+                out,
+                "{separator}commands are scaled down to {:.0} %",
+                100.0 * share
+            )?;
         }
         Ok(())
     }
@@ -114,6 +120,8 @@ impl std::fmt::Display for DriveResponse {
 struct Motor {
     configured_m_s: f64,
     limit_m_s: f64,
+    /// Last limit at which it was seen to obey, m/s, or a larger one since.
+    obeyed_m_s: f64,
     /// Largest command that it was short of while it has been limited, m/s; 0 where it is not.
     asked_m_s: f64,
     short_s: f64,
@@ -121,7 +129,6 @@ struct Motor {
     speed_m_s: f64,
     command_m_s: f64,
     rate: Rate,
-    scale: Scale,
 }
 
 impl Motor {
@@ -129,12 +136,12 @@ impl Motor {
         Self {
             configured_m_s: configured.speed_m_s,
             limit_m_s: configured.speed_m_s,
+            obeyed_m_s: configured.speed_m_s,
             asked_m_s: 0.0,
             short_s: 0.0,
             speed_m_s: 0.0,
             command_m_s: 0.0,
             rate: Rate::new(configured.acceleration_m_s2),
-            scale: Scale::default(),
         }
     }
 
@@ -161,29 +168,32 @@ impl Motor {
             speed_max_m_s: self.limit_m_s,
             asked_m_s: self.asked_m_s,
             acceleration_max_m_s2: self.rate.limit_m_s2(),
-            share: self.scale.share(),
         }
     }
 
-    /// Returns the limits as known now.
-    fn limits(&self, configured: &MotorLimits) -> MotorLimits {
+    /// Returns the limits of commands as known now, of which the motor follows a share.
+    fn limits(&self, configured: &MotorLimits, share: f64) -> MotorLimits {
         MotorLimits {
-            speed_m_s: self.limit_m_s,
+            speed_m_s: (self.limit_m_s / share).min(configured.speed_m_s),
             acceleration_m_s2: self.rate.limit_m_s2(),
             ..*configured
         }
     }
 
-    /// Takes the speed of a reading and the command that acts at its time.
-    fn observe(&mut self, speed_m_s: f64, command_m_s: f64, elapsed_s: f64) {
+    /// Takes the speed of a reading and the command that acts at its time. Returns both, positive m/s, where the motor had
+    /// the time to follow.
+    fn observe(&mut self, speed_m_s: f64, command_m_s: f64, elapsed_s: f64) -> Option<(f64, f64)> {
         let gain = (elapsed_s / SMOOTHING_S).min(1.0);
-        let before_m_s = self.speed_m_s;
+        let (before_m_s, commanded_m_s) = (self.speed_m_s, self.command_m_s);
         self.speed_m_s += gain * (speed_m_s - self.speed_m_s);
         self.command_m_s += gain * (command_m_s - self.command_m_s);
         let (speed, command) = (self.speed_m_s.abs(), self.command_m_s.abs());
         let same_sense = self.speed_m_s * self.command_m_s >= 0.0;
+        let behind = same_sense && speed < command && !self.is_near();
+        let gained_m_s2 = (speed - before_m_s.abs()) / elapsed_s;
+        self.rate.observe(gained_m_s2, behind, elapsed_s);
         let steady = (speed - before_m_s.abs()).abs() <= STEADY_M_S2 * elapsed_s;
-        let below = command * (1.0 - SHORT_SHARE) - SHORT_M_S > speed;
+        let below = is_short(speed, command);
         if same_sense && below && steady {
             self.short_s = (self.short_s + elapsed_s).min(SHORT_S);
         } else {
@@ -193,24 +203,32 @@ impl Motor {
                 self.limit_m_s = (self.limit_m_s + rise_m_s).min(self.configured_m_s);
             }
         }
-        let short = self.short_s >= SHORT_S && speed > REACHED_MIN_M_S;
-        self.scale
-            .observe(short.then_some((speed, command)), elapsed_s);
-        if self.scale.is_scaled() {
-            self.limit_m_s = self.configured_m_s;
-            self.rate.forget();
-        } else {
-            let behind = same_sense && speed < command && !self.is_near();
-            let gained_m_s2 = (speed - before_m_s.abs()) / elapsed_s;
-            self.rate.observe(gained_m_s2, behind, elapsed_s);
-            if short && speed + MARGIN_M_S < self.limit_m_s {
-                self.limit_m_s = (speed + MARGIN_M_S).max(LIMIT_MIN_M_S);
-                self.asked_m_s = self.asked_m_s.max(command);
-            }
+        if self.short_s >= SHORT_S && speed > REACHED_MIN_M_S && speed + MARGIN_M_S < self.limit_m_s
+        {
+            self.limit_m_s = (speed + MARGIN_M_S).max(LIMIT_MIN_M_S);
+            self.asked_m_s = self.asked_m_s.max(command);
         }
         if self.limit_m_s >= self.configured_m_s {
             self.asked_m_s = 0.0;
         }
+        let settled = (command - commanded_m_s.abs()).abs() <= SETTLED_M_S2 * elapsed_s;
+        let follows = same_sense && steady && settled && speed > REACHED_MIN_M_S;
+        let obeys = follows && !below && command > NEAR_LIMIT * self.limit_m_s;
+        if obeys || self.limit_m_s > self.obeyed_m_s {
+            self.obeyed_m_s = self.limit_m_s;
+        }
+        follows.then_some((speed, command))
+    }
+
+    /// Returns whether the motor is faster than commanded.
+    fn is_faster(&self) -> bool {
+        self.speed_m_s.abs() > FASTER * self.command_m_s.abs() + SHORT_M_S
+    }
+
+    /// Takes back what was learned while commands were scaled down.
+    fn release(&mut self) {
+        (self.limit_m_s, self.short_s) = (self.obeyed_m_s, -TRIED_S);
+        self.rate.forget();
     }
 }
 
@@ -219,6 +237,9 @@ impl Motor {
 pub(super) struct Drives {
     traction: Motor,
     steer: Motor,
+    /// What scales commands down does it to both motors alike. It is seen by the traction motor: steer commands change
+    /// all the time.
+    scale: Scale,
     told_delay_s: f64,
     delay_s: f64,
     /// Sums of the squared differences between speeds and commands so much earlier, (m/s)^2.
@@ -231,6 +252,7 @@ impl Drives {
         Self {
             traction: Motor::new(&config.limits.traction),
             steer: Motor::new(&config.limits.steer),
+            scale: Scale::default(),
             told_delay_s: config.delay_s(),
             delay_s: config.delay_s(),
             misfits: [0.0; DELAYS],
@@ -243,6 +265,7 @@ impl Drives {
         DriveResponse {
             traction: self.traction.response(),
             steer: self.steer.response(),
+            share: self.scale.share(),
             delay_s: self.delay_s,
         }
     }
@@ -250,7 +273,7 @@ impl Drives {
     /// Returns the speed of the vehicle that something on the way to the traction motor passes on, m/s; infinite where
     /// commands are not scaled down.
     pub(super) fn passed_on_m_s(&self) -> f64 {
-        match self.traction.scale.is_scaled() {
+        match self.scale.is_scaled() {
             true => self.traction.speed_m_s.abs(),
             false => f64::INFINITY,
         }
@@ -258,18 +281,23 @@ impl Drives {
 
     /// Returns the limits of the motors as known now.
     pub(super) fn limits(&self, configured: &InputLimits) -> InputLimits {
+        let share = self.scale.share();
         InputLimits {
-            traction: self.traction.limits(&configured.traction),
-            steer: self.steer.limits(&configured.steer),
+            traction: self.traction.limits(&configured.traction, share),
+            steer: self.steer.limits(&configured.steer, share),
             ..*configured
         }
     }
 
     /// Returns what the motors are known to follow of a command.
     pub(super) fn followed(&self, command: MotorSpeeds) -> MotorSpeeds {
+        let share = self.scale.share();
+        let followed = |motor: &Motor, command_m_s: f64| {
+            motor.followed(share * command_m_s, self.delay_s) / share
+        };
         MotorSpeeds {
-            traction_m_s: self.traction.followed(command.traction_m_s, self.delay_s),
-            steer_m_s: self.steer.followed(command.steer_m_s, self.delay_s),
+            traction_m_s: followed(&self.traction, command.traction_m_s),
+            steer_m_s: followed(&self.steer, command.steer_m_s),
         }
     }
 
@@ -283,12 +311,33 @@ impl Drives {
             return;
         }
         if let Some(command) = issued.at(read_s - self.delay_s) {
-            self.traction
-                .observe(speeds.traction_m_s, command.traction_m_s, elapsed_s);
-            self.steer
-                .observe(speeds.steer_m_s, command.steer_m_s, elapsed_s);
+            self.observe_motors(speeds, command, elapsed_s);
         }
         self.follow_delay(speeds, read_s, elapsed_s, issued);
+    }
+
+    /// Takes speeds and the commands that act at their time.
+    fn observe_motors(&mut self, speeds: MotorSpeeds, command: MotorSpeeds, elapsed_s: f64) {
+        let share = self.scale.share();
+        let (traction_m_s, steer_m_s) = (share * command.traction_m_s, share * command.steer_m_s);
+        let seen = self
+            .traction
+            .observe(speeds.traction_m_s, traction_m_s, elapsed_s);
+        self.steer.observe(speeds.steer_m_s, steer_m_s, elapsed_s);
+        let seen = seen.map(|(speed, scaled)| (speed, scaled / share));
+        let faster = self.traction.is_faster() || self.steer.is_faster();
+        self.scale.observe(seen, faster, elapsed_s);
+        // At the lowest limit nothing more is seen: more has to be commanded to know.
+        let tries = self.traction.short_s >= SHORT_S
+            && self.traction.command_m_s.abs() < 1.2 * LIMIT_MIN_M_S
+            && !self.scale.is_limited();
+        let found = share == 1.0 && self.scale.is_scaled();
+        if found || tries {
+            self.traction.release();
+        }
+        if found {
+            self.steer.release();
+        }
     }
 
     /// Compares speeds with commands at all delays and follows the one that fits best.
@@ -300,7 +349,8 @@ impl Drives {
         issued: &IssuedCommands,
     ) {
         let fade = (1.0 - elapsed_s / MEMORY_S).max(0.0);
-        let within = |command: f64, limit: f64| command.clamp(-limit, limit);
+        let share = self.scale.share();
+        let within = |command: f64, limit: f64| (share * command).clamp(-limit, limit);
         let near = |motor: &Motor| f64::from(motor.is_near());
         let (traction_near, steer_near) = (near(&self.traction), near(&self.steer));
         for (k, misfit) in self.misfits.iter_mut().enumerate() {

@@ -43,16 +43,6 @@ fn a_motor_that_reaches_less_than_it_is_told_to_has_a_limit_each_time_it_is_aske
 }
 
 #[test]
-fn speeds_that_are_scaled_down_are_no_limit() {
-    let limits_m_s = limits_m_s(|command_m_s| 0.5 * command_m_s);
-    let unlimited = limits_m_s
-        .iter()
-        .filter(|limit_m_s| **limit_m_s == 1.0)
-        .count();
-    assert!(unlimited > 50, "{limits_m_s:?}");
-}
-
-#[test]
 fn a_limit_far_below_what_was_told_is_found_and_so_is_one_that_falls() {
     let mut motor = motor(3.0);
     for (reaches_m_s, cycles) in [(0.27, 60), (0.9, 600), (0.2, 100)] {
@@ -210,11 +200,11 @@ fn motors_that_do_not_as_commanded_are_named() {
         speed_max_m_s,
         asked_m_s: 0.0,
         acceleration_max_m_s2: 1.0,
-        share: 1.0,
     };
     let mut response = DriveResponse {
         traction: motor(0.6),
         steer: motor(0.4),
+        share: 1.0,
         delay_s: 0.1,
     };
     assert_eq!(response.to_string(), "");
@@ -226,58 +216,127 @@ fn motors_that_do_not_as_commanded_are_named() {
     response.traction.asked_m_s = 0.8;
     let traction = "the traction motor reaches 0.60 m/s of 0.80 commanded";
     assert_eq!(response.to_string(), format!("{traction}; {steer}"));
-    (response.traction.asked_m_s, response.traction.share) = (0.0, 0.4);
-    let traction = "commands of the traction motor are scaled down to 40 %";
-    assert_eq!(response.to_string(), format!("{traction}; {steer}"));
+    (response.traction.asked_m_s, response.share) = (0.0, 0.4);
+    let scaled = "commands are scaled down to 40 %";
+    assert_eq!(response.to_string(), format!("{steer}; {scaled}"));
 }
 
-/// Follows commands at `wanted_m_s` within the limit that is known with a lag, `cycles` times; returns its last speed.
+/// Traction and steer, of which no more is commanded than they are known to reach, at speeds that lag by `lag_s` behind
+/// `reached` of the command; returns the last speeds.
 fn follow(
-    motor: &mut Motor,
-    wanted_m_s: f64,
+    drives: &mut Drives,
+    wanted: MotorSpeeds,
     lag_s: f64,
-    cycles: u32,
+    duration_s: f64,
     reached_m_s: impl Fn(f64) -> f64,
-) -> f64 {
-    let mut speed_m_s = motor.speed_m_s;
-    for _ in 0..cycles {
-        let command_m_s = wanted_m_s.min(motor.limit_m_s);
-        speed_m_s += CYCLE_S / lag_s * (reached_m_s(command_m_s) - speed_m_s);
-        motor.observe(speed_m_s, command_m_s, CYCLE_S);
+) -> MotorSpeeds {
+    let configured = ControllerConfig::default().limits;
+    let mut speeds = MotorSpeeds {
+        traction_m_s: drives.traction.speed_m_s,
+        steer_m_s: drives.steer.speed_m_s,
+    };
+    for _ in 0..(duration_s / CYCLE_S).round() as u32 {
+        let limits = drives.limits(&configured);
+        let command = MotorSpeeds {
+            traction_m_s: wanted.traction_m_s.min(limits.traction.speed_m_s),
+            steer_m_s: wanted.steer_m_s.min(limits.steer.speed_m_s),
+        };
+        let gain = CYCLE_S / lag_s;
+        speeds.traction_m_s += gain * (reached_m_s(command.traction_m_s) - speeds.traction_m_s);
+        speeds.steer_m_s += gain * (reached_m_s(command.steer_m_s) - speeds.steer_m_s);
+        drives.observe_motors(speeds, command, CYCLE_S);
     }
-    speed_m_s
+    speeds
+}
+
+fn wanted(traction_m_s: f64) -> MotorSpeeds {
+    MotorSpeeds {
+        traction_m_s,
+        steer_m_s: 0.5 * traction_m_s,
+    }
 }
 
 #[test]
-fn a_motor_whose_commands_are_scaled_down_goes_on_as_commanded() {
+fn drives_whose_commands_are_scaled_down_go_on_as_commanded() {
     for (ratio, wanted_m_s) in [(0.25, 0.8), (0.4, 0.4), (0.6, 0.4), (0.8, 0.6), (0.8, 0.8)] {
-        for lag_s in [0.1, 0.3] {
-            let mut motor = motor(1.0);
+        for lag_s in [0.1, 0.2] {
+            let mut drives = Drives::new(&ControllerConfig::default());
             let share = |command_m_s: f64| ratio * command_m_s;
-            follow(&mut motor, wanted_m_s, lag_s, 160, share);
+            follow(&mut drives, wanted(wanted_m_s), lag_s, 10.0, share);
             for _ in 0..20 {
-                let speed_m_s = follow(&mut motor, wanted_m_s, lag_s, 60, share);
-                let what = format!("{ratio} of {wanted_m_s}, {lag_s} s: {motor:?}");
-                assert!((speed_m_s - ratio * wanted_m_s).abs() < 1e-3, "{what}");
-                assert!(!motor.rate.is_learned(), "{what}");
+                let speeds = follow(&mut drives, wanted(wanted_m_s), lag_s, 3.0, share);
+                let what = format!("{ratio} of {wanted_m_s}, {lag_s} s: {drives:?}");
+                assert!(
+                    (speeds.traction_m_s - ratio * wanted_m_s).abs() < 0.01,
+                    "{what}"
+                );
+                assert!(
+                    (speeds.steer_m_s - 0.5 * speeds.traction_m_s).abs() < 0.01,
+                    "{what}"
+                );
+                assert!((drives.response().share - ratio).abs() < 0.05, "{what}");
             }
         }
     }
 }
 
 #[test]
-fn a_motor_that_is_no_longer_scaled_down_but_limited_has_a_limit_in_two_seconds() {
-    let mut motor = motor(1.0);
-    follow(&mut motor, 0.8, 0.1, 200, |command| 0.4 * command);
-    assert!(motor.scale.is_scaled() && motor.limit_m_s == 1.0);
-    for reached_m_s in [0.2, 0.5] {
-        let mut limited = motor;
-        follow(&mut limited, 0.8, 0.1, 40, |command| {
-            command.min(reached_m_s)
-        });
-        let over_m_s = limited.limit_m_s - reached_m_s;
-        assert!((0.0..0.05).contains(&over_m_s), "{limited:?}");
+fn a_limit_that_was_known_before_holds_while_commands_are_scaled_down_and_after() {
+    let mut drives = Drives::new(&ControllerConfig::default());
+    let weak = |command_m_s: f64| command_m_s.min(0.4);
+    follow(&mut drives, wanted(0.7), 0.1, 4.0, weak);
+    assert!(
+        (drives.traction.limit_m_s - 0.41).abs() < 0.03,
+        "{drives:?}"
+    );
+    follow(&mut drives, wanted(0.4), 0.1, 20.0, |command| 0.5 * command);
+    assert!(drives.scale.is_scaled(), "{drives:?}");
+    let limit_m_s = drives.traction.limit_m_s;
+    assert!((0.4..0.6).contains(&limit_m_s), "{drives:?}");
+    // Commands may be as much more.
+    let allowed_m_s = drives
+        .limits(&ControllerConfig::default().limits)
+        .traction
+        .speed_m_s;
+    assert!(
+        allowed_m_s > 1.8 * limit_m_s || allowed_m_s == 0.8,
+        "{allowed_m_s}"
+    );
+    follow(&mut drives, wanted(0.7), 0.1, 4.0, weak);
+    assert_eq!(drives.response().share, 1.0);
+    assert!(
+        (drives.traction.limit_m_s - 0.41).abs() < 0.03,
+        "{drives:?}"
+    );
+}
+
+#[test]
+fn drives_that_are_no_longer_scaled_down_are_known_to_be_in_two_seconds() {
+    let mut before = Drives::new(&ControllerConfig::default());
+    follow(&mut before, wanted(0.7), 0.1, 10.0, |command| 0.4 * command);
+    assert!(before.scale.is_scaled());
+    for reached_m_s in [0.2, 0.5, 1.0] {
+        let mut drives = before.clone();
+        let reached = |command: f64| command.min(reached_m_s);
+        follow(&mut drives, wanted(0.7), 0.1, 2.0, reached);
+        assert_eq!(drives.response().share, 1.0, "{reached_m_s}");
+        let over_m_s = drives.traction.limit_m_s - reached_m_s;
+        assert!((0.0..0.15).contains(&over_m_s), "{drives:?}");
     }
+}
+
+#[test]
+fn a_motor_too_slow_for_any_limit_is_tried_once_in_ten_seconds_at_most() {
+    let mut drives = Drives::new(&ControllerConfig::default());
+    let slow = |command: f64| command.min(0.05);
+    follow(&mut drives, wanted(0.6), 0.1, 10.0, slow);
+    let mut released = 0;
+    for _ in 0..1200 {
+        let before_m_s = drives.traction.limit_m_s;
+        follow(&mut drives, wanted(0.6), 0.1, CYCLE_S, slow);
+        released += u32::from(drives.traction.limit_m_s > before_m_s + 0.1);
+    }
+    assert!((1..=6).contains(&released), "{released}");
 }
 
 /// Returns a motor that has gained speed at 0.3 m/s^2 for two seconds, in the sense of `sign`.
@@ -543,17 +602,11 @@ fn limits_and_response_are_those_of_each_motor() {
 fn commands_that_are_scaled_down_pass_on_what_the_motor_does() {
     let mut drives = Driven::new().drives;
     assert_eq!(drives.passed_on_m_s(), f64::INFINITY);
-    for command_m_s in [-0.8, -0.4] {
-        for _ in 0..40 {
-            drives
-                .traction
-                .observe(0.5 * command_m_s, command_m_s, CYCLE_S);
-        }
-    }
+    let speeds = follow(&mut drives, wanted(0.6), 0.1, 8.0, |command| 0.5 * command);
+    let passed_m_s = drives.passed_on_m_s();
     assert!(
-        (drives.passed_on_m_s() - 0.2).abs() < 1e-3,
-        "{}",
-        drives.passed_on_m_s()
+        (passed_m_s - speeds.traction_m_s).abs() < 0.01,
+        "{passed_m_s}"
     );
 }
 
