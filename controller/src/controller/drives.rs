@@ -327,9 +327,11 @@ impl Drives {
         let seen = seen.map(|(speed, scaled)| (speed, scaled / share));
         let faster = self.traction.is_faster() || self.steer.is_faster();
         self.scale.observe(seen, faster, elapsed_s);
-        // At the lowest limit nothing more is seen: more has to be commanded to know.
+        // At the lowest limit nothing more is seen: more has to be commanded to know, where more was asked for.
+        let lowest_m_s = 1.2 * LIMIT_MIN_M_S;
         let tries = self.traction.short_s >= SHORT_S
-            && self.traction.command_m_s.abs() < 1.2 * LIMIT_MIN_M_S
+            && self.traction.command_m_s.abs() < lowest_m_s
+            && self.traction.asked_m_s > lowest_m_s
             && !self.scale.is_limited();
         let found = share == 1.0 && self.scale.is_scaled();
         if found || tries {

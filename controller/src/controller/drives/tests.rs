@@ -326,6 +326,19 @@ fn drives_that_are_no_longer_scaled_down_are_known_to_be_in_two_seconds() {
 }
 
 #[test]
+fn a_motor_that_is_short_of_slow_commands_is_not_tried() {
+    let mut drives = Drives::new(&ControllerConfig::default());
+    let reached = |command: f64| 0.6 * command;
+    follow(&mut drives, wanted(0.11), 0.1, 5.0, reached);
+    let before = drives.response().traction;
+    assert!((before.speed_max_m_s - 0.1).abs() < 1e-9, "{before:?}");
+    for _ in 0..100 {
+        follow(&mut drives, wanted(0.11), 0.1, CYCLE_S, reached);
+        assert_eq!(drives.response().traction, before);
+    }
+}
+
+#[test]
 fn a_motor_too_slow_for_any_limit_is_tried_once_in_ten_seconds_at_most() {
     let mut drives = Drives::new(&ControllerConfig::default());
     let slow = |command: f64| command.min(0.05);
