@@ -175,7 +175,7 @@ impl Motor {
     fn limits(&self, configured: &MotorLimits, share: f64) -> MotorLimits {
         MotorLimits {
             speed_m_s: (self.limit_m_s / share).min(configured.speed_m_s),
-            acceleration_m_s2: self.rate.limit_m_s2(),
+            acceleration_m_s2: (self.rate.limit_m_s2() / share).min(configured.acceleration_m_s2),
             ..*configured
         }
     }
@@ -318,7 +318,7 @@ impl Drives {
 
     /// Takes speeds and the commands that act at their time.
     fn observe_motors(&mut self, speeds: MotorSpeeds, command: MotorSpeeds, elapsed_s: f64) {
-        let share = self.scale.share();
+        let (was_scaled, share) = (self.scale.is_scaled(), self.scale.share());
         let (traction_m_s, steer_m_s) = (share * command.traction_m_s, share * command.steer_m_s);
         let seen = self
             .traction
@@ -333,7 +333,7 @@ impl Drives {
             && self.traction.command_m_s.abs() < lowest_m_s
             && self.traction.asked_m_s > lowest_m_s
             && !self.scale.is_limited();
-        let found = share == 1.0 && self.scale.is_scaled();
+        let found = self.scale.is_scaled() && !was_scaled;
         if found || tries {
             self.traction.release();
         }

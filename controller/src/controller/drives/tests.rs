@@ -281,6 +281,30 @@ fn drives_whose_commands_are_scaled_down_go_on_as_commanded() {
 }
 
 #[test]
+fn limits_of_commands_are_those_of_the_motor_over_its_share() {
+    let configured = MotorLimits {
+        speed_m_s: 2.0,
+        acceleration_m_s2: 2.0,
+        deceleration_m_s2: 2.0,
+    };
+    let mut slow = slow(1.0);
+    slow.limit_m_s = 0.5;
+    let rate_m_s2 = slow.rate.limit_m_s2();
+    for (share, speed_m_s, acceleration_m_s2) in [
+        (1.0, 0.5, rate_m_s2),
+        (0.5, 1.0, 2.0 * rate_m_s2),
+        (0.1, 2.0, 2.0),
+    ] {
+        let limits = slow.limits(&configured, share);
+        assert!((limits.speed_m_s - speed_m_s).abs() < 1e-9, "{limits:?}");
+        assert!(
+            (limits.acceleration_m_s2 - acceleration_m_s2).abs() < 1e-9,
+            "{limits:?}"
+        );
+    }
+}
+
+#[test]
 fn a_limit_that_was_known_before_holds_while_commands_are_scaled_down_and_after() {
     let mut drives = Drives::new(&ControllerConfig::default());
     let weak = |command_m_s: f64| command_m_s.min(0.4);
