@@ -15,10 +15,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Largest step, relative to the distance to the cone's boundary. On a well-scaled QP with few active
-/// rows each step multiplies the gap by about 1 minus this; clarabel's 0.99 costs one more iteration.
-const STEP_FRACTION: f64 = 0.999;
-
 /// Static regularisation of a [`LinearSystem`]. Clarabel's 1e-8 suits the ill-conditioned systems at
 /// the end of an interior-point solve; here it would cost a refinement step in each cycle.
 const REGULARISATION: f64 = 1e-11;
@@ -331,7 +327,6 @@ fn clarabel_settings(settings: &QpSettings) -> DefaultSettings<f64> {
         clarabel.iterative_refinement_enable = false;
         clarabel.direct_solve_method = "qdldl".into();
         clarabel.max_iter = ITERATIONS_MAX;
-        clarabel.max_step_fraction = STEP_FRACTION;
         clarabel.tol_gap_abs = settings.tolerance;
         clarabel.tol_gap_rel = settings.tolerance;
         clarabel.tol_feas = settings.tolerance;
