@@ -341,7 +341,7 @@ impl Controller {
             None => (Status::Waiting, MotorSpeeds::STOP),
             Some(Ok(solution)) => {
                 self.phase = Phase::Driving { fallback_cycles: 0 };
-                (Status::Tracking, solution.command)
+                (Status::Tracking, self.drives.command(solution.command))
             }
             Some(Err(reason)) => self.fall_back(reason),
         };

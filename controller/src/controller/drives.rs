@@ -1,15 +1,17 @@
 //! What the drives do with commands, learned while driving.
 //!
 //! Configured limits and delays are starting values that may be wrong: a motor may reach less speed than it is told
-//! to have, or gain it slower, and a command may act later. All of it shows in the measured tread speeds beside the
+//! to have, or gain it slower, or be faster or slower than commanded at all speeds, and a command may act later. All of it shows in the measured tread speeds beside the
 //! commands.
 
+mod gain;
 mod rate;
 mod scale;
 
 use super::issued::IssuedCommands;
 use crate::config::ControllerConfig;
 use crate::mpc::limits::{InputLimits, MotorLimits};
+use gain::Gain;
 use rate::Rate;
 use scale::{SHORT_M_S, Scale, is_short};
 use serde::{Deserialize, Serialize};
@@ -41,6 +43,8 @@ const TRIED_S: f64 = 0.6;
 const REACHED_MIN_M_S: f64 = 0.02;
 /// Lowest limit, m/s: commands within a lower one would end in the dead band.
 const LIMIT_MIN_M_S: f64 = 0.1;
+/// Command up to which a motor is at the lowest limit, m/s.
+const LOWEST_M_S: f64 = 1.2 * LIMIT_MIN_M_S;
 /// What is added to the speed that a motor reaches, m/s, so that its limit does not sink with noise.
 const MARGIN_M_S: f64 = 0.01;
 /// Rate at which a limit rises while the motor reaches its commands, m/s^2.
@@ -49,6 +53,10 @@ const RECOVERY_M_S2: f64 = 0.03;
 const NEAR_M_S: f64 = 0.15;
 /// Time constant of the speeds that are compared, s.
 const SMOOTHING_S: f64 = 0.2;
+/// Difference of a gain from 1 that a driver has to know.
+const NAMED: f64 = 0.1;
+/// Speed of traction from which it tells whether something scales commands down, m/s.
+const MOVES_M_S: f64 = 0.05;
 /// Lead of a command over a motor that gains speed slowly, beyond what it gains while it is read, m/s.
 const LEAD_M_S: f64 = 0.1;
 
@@ -74,12 +82,20 @@ pub struct LearnedMotor {
     pub asked_m_s: f64,
     /// Largest rate at which it gains speed, m/s^2; at most that configured.
     pub acceleration_max_m_s2: f64,
+    /// Its speed over that commanded, where neither its largest speed nor [`DriveResponse::share`] explains it; otherwise
+    /// 1. Commands are divided by it.
+    pub gain: f64,
 }
 
 impl LearnedMotor {
     /// Returns the largest speed that the motor reaches, m/s, where it is short of its commands.
     pub fn short_m_s(&self) -> Option<f64> {
         (self.asked_m_s > self.speed_max_m_s).then_some(self.speed_max_m_s)
+    }
+
+    /// Returns the motor's gain where that is far from 1.
+    pub fn gain_off(&self) -> Option<f64> {
+        ((self.gain - 1.0).abs() > NAMED).then_some(self.gain)
     }
 }
 
@@ -100,6 +116,14 @@ impl std::fmt::Display for DriveResponse {
                 write!(
                     out,
                     "{separator}the {name} motor reaches {reached_m_s:.2} m/s of {asked_m_s:.2} commanded"
+                )?;
+                separator = "; ";
+            }
+            if let Some(gain) = motor.gain_off() {
+                let percent = 100.0 * gain;
+                write!(
+                    out,
+                    "{separator}the {name} motor runs at {percent:.0} % of its commands"
                 )?;
                 separator = "; ";
             }
@@ -129,6 +153,7 @@ struct Motor {
     speed_m_s: f64,
     command_m_s: f64,
     rate: Rate,
+    gain: Gain,
 }
 
 impl Motor {
@@ -142,6 +167,7 @@ impl Motor {
             speed_m_s: 0.0,
             command_m_s: 0.0,
             rate: Rate::new(configured.acceleration_m_s2),
+            gain: Gain::default(),
         }
     }
 
@@ -168,15 +194,19 @@ impl Motor {
             speed_max_m_s: self.limit_m_s,
             asked_m_s: self.asked_m_s,
             acceleration_max_m_s2: self.rate.limit_m_s2(),
+            gain: self.gain.value(),
         }
     }
 
-    /// Returns the limits of commands as known now, of which the motor follows a share.
+    /// Returns the limits of the speed asked of the motor as known now, where it follows a share of it.
     fn limits(&self, configured: &MotorLimits, share: f64) -> MotorLimits {
+        // Commands are bounded as configured.
+        let of_command = self.gain.value().min(1.0);
+        let rate_m_s2 = of_command * configured.acceleration_m_s2;
         MotorLimits {
-            speed_m_s: (self.limit_m_s / share).min(configured.speed_m_s),
-            acceleration_m_s2: (self.rate.limit_m_s2() / share).min(configured.acceleration_m_s2),
-            ..*configured
+            speed_m_s: (self.limit_m_s / share).min(of_command * configured.speed_m_s),
+            acceleration_m_s2: (self.rate.limit_m_s2() / share).min(rate_m_s2),
+            deceleration_m_s2: of_command * configured.deceleration_m_s2,
         }
     }
 
@@ -220,12 +250,34 @@ impl Motor {
         follows.then_some((speed, command))
     }
 
+    /// Takes what [`Motor::observe`] returned, of a command at the gain known until now.
+    fn observe_gain(&mut self, seen: Option<(f64, f64)>, elapsed_s: f64) {
+        let before = self.gain.value();
+        if let Some((speed, command)) = seen {
+            self.gain.observe(speed, command / before, elapsed_s);
+        }
+        if before == 1.0 && self.gain.value() != 1.0 {
+            self.release();
+        }
+    }
+
+    /// Returns whether the motor moves and is not short.
+    fn moves_as_commanded(&self) -> bool {
+        let (speed, command) = (self.speed_m_s.abs(), self.command_m_s.abs());
+        speed > MOVES_M_S && !is_short(speed, command)
+    }
+
+    /// Returns whether the motor is short at the lowest limit: more has to be commanded to know why.
+    fn is_short_at_lowest(&self) -> bool {
+        self.short_s >= SHORT_S && self.command_m_s.abs() < LOWEST_M_S
+    }
+
     /// Returns whether the motor is faster than commanded.
     fn is_faster(&self) -> bool {
         self.speed_m_s.abs() > FASTER * self.command_m_s.abs() + SHORT_M_S
     }
 
-    /// Takes back what was learned while commands were scaled down.
+    /// Takes back what was learned while nothing was known of a share or a gain.
     fn release(&mut self) {
         (self.limit_m_s, self.short_s) = (self.obeyed_m_s, -TRIED_S);
         self.rate.forget();
@@ -235,6 +287,7 @@ impl Motor {
 /// The response of the drives, followed from cycle to cycle; nothing is allocated after [`Drives::new`].
 #[derive(Debug, Clone)]
 pub(super) struct Drives {
+    /// Has no gain below 1: that may be a slow-down on purpose.
     traction: Motor,
     steer: Motor,
     /// What scales commands down does it to both motors alike. It is seen by the traction motor: steer commands change
@@ -250,7 +303,10 @@ pub(super) struct Drives {
 impl Drives {
     pub(super) fn new(config: &ControllerConfig) -> Self {
         Self {
-            traction: Motor::new(&config.limits.traction),
+            traction: Motor {
+                gain: Gain::at_least(1.0),
+                ..Motor::new(&config.limits.traction)
+            },
             steer: Motor::new(&config.limits.steer),
             scale: Scale::default(),
             told_delay_s: config.delay_s(),
@@ -285,19 +341,34 @@ impl Drives {
         InputLimits {
             traction: self.traction.limits(&configured.traction, share),
             steer: self.steer.limits(&configured.steer, share),
-            ..*configured
+            tread_speed_m_s: self.steer.gain.value().min(1.0) * configured.tread_speed_m_s,
         }
     }
 
-    /// Returns what the motors are known to follow of a command.
-    pub(super) fn followed(&self, command: MotorSpeeds) -> MotorSpeeds {
-        let share = self.scale.share();
-        let followed = |motor: &Motor, command_m_s: f64| {
-            motor.followed(share * command_m_s, self.delay_s) / share
-        };
+    /// Returns the command that asks speeds of the motors.
+    pub(super) fn command(&self, asked: MotorSpeeds) -> MotorSpeeds {
         MotorSpeeds {
-            traction_m_s: followed(&self.traction, command.traction_m_s),
-            steer_m_s: followed(&self.steer, command.steer_m_s),
+            traction_m_s: asked.traction_m_s / self.traction.gain.value(),
+            steer_m_s: asked.steer_m_s / self.steer.gain.value(),
+        }
+    }
+
+    /// Returns the speeds that a command asks of the motors.
+    pub(super) fn asked(&self, command: MotorSpeeds) -> MotorSpeeds {
+        MotorSpeeds {
+            traction_m_s: self.traction.gain.value() * command.traction_m_s,
+            steer_m_s: self.steer.gain.value() * command.steer_m_s,
+        }
+    }
+
+    /// Returns what the motors are known to follow of speeds asked of them.
+    pub(super) fn followed(&self, asked: MotorSpeeds) -> MotorSpeeds {
+        let share = self.scale.share();
+        let followed =
+            |motor: &Motor, asked_m_s: f64| motor.followed(share * asked_m_s, self.delay_s) / share;
+        MotorSpeeds {
+            traction_m_s: followed(&self.traction, asked.traction_m_s),
+            steer_m_s: followed(&self.steer, asked.steer_m_s),
         }
     }
 
@@ -316,28 +387,59 @@ impl Drives {
         self.follow_delay(speeds, read_s, elapsed_s, issued);
     }
 
+    /// Returns which reasons are known for speeds that differ from commands.
+    fn why_short(&self) -> [bool; 5] {
+        let limited = |motor: &Motor| motor.limit_m_s < motor.configured_m_s;
+        let gain = |motor: &Motor| motor.gain.value() != 1.0;
+        let (traction, steer) = (&self.traction, &self.steer);
+        let scaled = self.scale.is_scaled();
+        [
+            limited(traction),
+            limited(steer),
+            gain(traction),
+            gain(steer),
+            scaled,
+        ]
+    }
+
     /// Takes speeds and the commands that act at their time.
     fn observe_motors(&mut self, speeds: MotorSpeeds, command: MotorSpeeds, elapsed_s: f64) {
         let (was_scaled, share) = (self.scale.is_scaled(), self.scale.share());
-        let (traction_m_s, steer_m_s) = (share * command.traction_m_s, share * command.steer_m_s);
-        let seen = self
-            .traction
-            .observe(speeds.traction_m_s, traction_m_s, elapsed_s);
-        self.steer.observe(speeds.steer_m_s, steer_m_s, elapsed_s);
-        let seen = seen.map(|(speed, scaled)| (speed, scaled / share));
+        let asked = self.asked(command);
+        let known = self.why_short();
+        let seen = |motor: &mut Motor, speed_m_s: f64, asked_m_s: f64| {
+            motor.observe(speed_m_s, share * asked_m_s, elapsed_s)
+        };
+        let traction = seen(&mut self.traction, speeds.traction_m_s, asked.traction_m_s);
+        let steer = seen(&mut self.steer, speeds.steer_m_s, asked.steer_m_s);
         let faster = self.traction.is_faster() || self.steer.is_faster();
-        self.scale.observe(seen, faster, elapsed_s);
-        // At the lowest limit nothing more is seen: more has to be commanded to know, where more was asked for.
-        let lowest_m_s = 1.2 * LIMIT_MIN_M_S;
-        let tries = self.traction.short_s >= SHORT_S
-            && self.traction.command_m_s.abs() < lowest_m_s
-            && self.traction.asked_m_s > lowest_m_s
-            && !self.scale.is_limited();
+        let whole = traction.map(|(speed, followed)| (speed, followed / share));
+        self.scale.observe(whole, faster, elapsed_s);
+        self.traction.observe_gain(traction, elapsed_s);
+        // While nothing but the motor itself keeps the steer motor from its commands.
+        if self.traction.moves_as_commanded() {
+            self.steer.observe_gain(steer, elapsed_s);
+        }
+        if self.scale.is_scaled() != was_scaled {
+            self.steer.gain.doubt();
+        }
         let found = self.scale.is_scaled() && !was_scaled;
-        if found || tries {
+        if self
+            .why_short()
+            .iter()
+            .zip(known)
+            .any(|(now, before)| *now && !before)
+        {
+            // Until then these speeds looked late.
+            (self.misfits, self.delay_s) = ([0.0; DELAYS], self.told_delay_s);
+        }
+        let tries = |motor: &Motor, limited: bool| motor.is_short_at_lowest() && !limited;
+        // Where more was asked for.
+        let more = self.traction.asked_m_s > LOWEST_M_S;
+        if found || more && tries(&self.traction, self.scale.is_limited()) {
             self.traction.release();
         }
-        if found {
+        if found || tries(&self.steer, self.steer.gain.is_limited()) {
             self.steer.release();
         }
     }
@@ -352,18 +454,19 @@ impl Drives {
     ) {
         let fade = (1.0 - elapsed_s / MEMORY_S).max(0.0);
         let share = self.scale.share();
-        let within = |command: f64, limit: f64| (share * command).clamp(-limit, limit);
+        let within = |asked: f64, limit: f64| (share * asked).clamp(-limit, limit);
         let near = |motor: &Motor| f64::from(motor.is_near());
         let (traction_near, steer_near) = (near(&self.traction), near(&self.steer));
-        for (k, misfit) in self.misfits.iter_mut().enumerate() {
+        for k in 0..DELAYS {
             let Some(command) = issued.at(read_s - DELAY_STEP_S * k as f64) else {
                 return;
             };
+            let asked = self.asked(command);
             let traction =
-                speeds.traction_m_s - within(command.traction_m_s, self.traction.limit_m_s);
-            let steer = speeds.steer_m_s - within(command.steer_m_s, self.steer.limit_m_s);
+                speeds.traction_m_s - within(asked.traction_m_s, self.traction.limit_m_s);
+            let steer = speeds.steer_m_s - within(asked.steer_m_s, self.steer.limit_m_s);
             let sum = traction_near * traction * traction + steer_near * steer * steer;
-            *misfit = fade * *misfit + sum;
+            self.misfits[k] = fade * self.misfits[k] + sum;
         }
         let told_delay_s = self.told_delay_s;
         let cost = |k: usize| {

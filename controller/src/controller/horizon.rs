@@ -105,7 +105,7 @@ impl Controller {
         sample: &Sample,
     ) {
         let half_track_m = self.horizon.half_track_m;
-        let previous = self.drives.followed(self.issued.last());
+        let previous = self.drives.followed(self.drives.asked(self.issued.last()));
         let Law::Mpc(mpc) = &mut self.law else {
             return;
         };
@@ -314,7 +314,8 @@ impl Controller {
         let begin_s = estimate.time_s - self.drives.response().delay_s;
         let limits = self.drives.limits(&self.config.limits);
         for (command, time_s) in self.issued.between(begin_s, estimate.time_s) {
-            let command = self.drives.followed(limits.within_bounds(command));
+            let asked = limits.within_bounds(self.drives.asked(command));
+            let command = self.drives.followed(asked);
             let step = mpc.model_mut().step_near(
                 &mut StepStart::default(),
                 &estimate.normal_in_world,

@@ -117,7 +117,7 @@ impl Controller {
             };
         }
         let command = match self.plan() {
-            Some(plan) => plan.inputs[0],
+            Some(plan) => self.drives.command(plan.inputs[0]),
             None => {
                 let limits = &self.config.limits;
                 limits.stop_step(self.issued.last(), self.config.period_s)

@@ -200,6 +200,7 @@ fn motors_that_do_not_as_commanded_are_named() {
         speed_max_m_s,
         asked_m_s: 0.0,
         acceleration_max_m_s2: 1.0,
+        gain: 1.0,
     };
     let mut response = DriveResponse {
         traction: motor(0.6),
@@ -219,6 +220,13 @@ fn motors_that_do_not_as_commanded_are_named() {
     (response.traction.asked_m_s, response.share) = (0.0, 0.4);
     let scaled = "commands are scaled down to 40 %";
     assert_eq!(response.to_string(), format!("{steer}; {scaled}"));
+    // What is within a tenth is no news.
+    (response.steer.asked_m_s, response.share) = (0.0, 1.0);
+    (response.traction.gain, response.steer.gain) = (1.09, 0.91);
+    assert_eq!(response.to_string(), "");
+    (response.traction.gain, response.steer.gain) = (1.2, 0.7);
+    let gains = "the traction motor runs at 120 % of its commands; the steer motor runs at 70 % of its commands";
+    assert_eq!(response.to_string(), gains);
 }
 
 /// Traction and steer, of which no more is commanded than they are known to reach, at speeds that lag by `lag_s` behind
@@ -302,6 +310,126 @@ fn limits_of_commands_are_those_of_the_motor_over_its_share() {
             "{limits:?}"
         );
     }
+}
+
+/// Traction and steer that swing, in metres per second, as the controller asks for them; returns the drives, whose
+/// motors run at gains of the commands within largest speeds, and the last speeds and what was asked for then.
+fn swing(
+    gains: (f64, f64),
+    largest: (f64, f64),
+    duration_s: f64,
+) -> (Drives, MotorSpeeds, MotorSpeeds) {
+    let config = ControllerConfig::default();
+    let mut drives = Drives::new(&config);
+    let (mut speeds, mut asked) = (MotorSpeeds::STOP, MotorSpeeds::STOP);
+    for cycle in 0..(duration_s / CYCLE_S).round() as u32 {
+        let time_s = CYCLE_S * f64::from(cycle);
+        let limits = drives.limits(&config.limits);
+        let within = |wanted_m_s: f64, limit_m_s: f64| wanted_m_s.clamp(-limit_m_s, limit_m_s);
+        asked = MotorSpeeds {
+            traction_m_s: within(0.4 + 0.1 * (0.3 * time_s).sin(), limits.traction.speed_m_s),
+            steer_m_s: within(0.25 * (0.5 * time_s).sin(), limits.steer.speed_m_s),
+        };
+        let command = drives.command(asked);
+        let reached = |gain: f64, command_m_s: f64, largest_m_s: f64, before_m_s: f64| {
+            before_m_s + 0.5 * (within(gain * command_m_s, largest_m_s) - before_m_s)
+        };
+        speeds = MotorSpeeds {
+            traction_m_s: reached(
+                gains.0,
+                command.traction_m_s,
+                largest.0,
+                speeds.traction_m_s,
+            ),
+            steer_m_s: reached(gains.1, command.steer_m_s, largest.1, speeds.steer_m_s),
+        };
+        drives.observe_motors(speeds, command, CYCLE_S);
+    }
+    (drives, speeds, asked)
+}
+
+#[test]
+fn motors_that_run_at_a_gain_of_their_commands_do_as_they_are_asked() {
+    for gains in [
+        (1.0, 1.0),
+        (1.0, 0.5),
+        (1.0, 0.7),
+        (1.0, 1.5),
+        (1.2, 1.0),
+        (1.5, 1.0),
+        (1.3, 0.7),
+    ] {
+        let (drives, speeds, asked) = swing(gains, (9.0, 9.0), 40.8);
+        let response = drives.response();
+        let found = (response.traction.gain, response.steer.gain);
+        assert!((found.0 - gains.0).abs() < 0.03, "{gains:?}: {found:?}");
+        assert!((found.1 - gains.1).abs() < 0.03, "{gains:?}: {found:?}");
+        assert_eq!(response.share, 1.0, "{gains:?}");
+        for (speed_m_s, asked_m_s) in [
+            (speeds.traction_m_s, asked.traction_m_s),
+            (speeds.steer_m_s, asked.steer_m_s),
+        ] {
+            let off_m_s = speed_m_s - asked_m_s;
+            assert!(off_m_s.abs() < 0.02, "{gains:?}: {speeds:?} of {asked:?}");
+        }
+        assert!(asked.steer_m_s.abs() > 0.2, "{asked:?}");
+    }
+}
+
+#[test]
+fn a_motor_at_its_largest_speed_has_no_gain() {
+    for largest_m_s in [0.05, 0.12, 0.2] {
+        let (drives, ..) = swing((1.0, 1.0), (9.0, largest_m_s), 60.0);
+        assert_eq!(drives.response().steer.gain, 1.0, "{largest_m_s}");
+    }
+}
+
+#[test]
+fn what_slows_both_motors_down_is_no_gain() {
+    for share in [0.4, 0.7] {
+        let (drives, speeds, asked) = swing((share, share), (9.0, 9.0), 40.8);
+        let response = drives.response();
+        assert!((response.share - share).abs() < 0.03, "{response:?}");
+        assert!((response.steer.gain - 1.0).abs() < 0.05, "{response:?}");
+        // Nothing is commanded more for it.
+        let command = drives.command(asked);
+        assert_eq!(command.traction_m_s, asked.traction_m_s);
+        assert!((speeds.traction_m_s - share * asked.traction_m_s).abs() < 0.02);
+    }
+}
+
+#[test]
+fn the_gain_of_a_motor_is_not_learned_where_the_other_tells_of_no_slow_down() {
+    let mut drives = Drives::new(&ControllerConfig::default());
+    for cycle in 0..600 {
+        let command = of_steer(0.25 * (0.5 * CYCLE_S * f64::from(cycle)).sin());
+        let speeds = of_steer(0.5 * command.steer_m_s);
+        drives.observe_motors(speeds, command, CYCLE_S);
+    }
+    assert_eq!(drives.response().steer.gain, 1.0);
+}
+
+#[test]
+fn commands_are_bounded_as_configured_at_every_gain() {
+    let configured = ControllerConfig::default().limits;
+    let limits = |gains| swing(gains, (9.0, 9.0), 40.8).0.limits(&configured);
+    let slower = limits((1.0, 0.5));
+    assert_eq!(slower.traction, configured.traction);
+    for (found, told) in [
+        (slower.steer.speed_m_s, configured.steer.speed_m_s),
+        (
+            slower.steer.acceleration_m_s2,
+            configured.steer.acceleration_m_s2,
+        ),
+        (
+            slower.steer.deceleration_m_s2,
+            configured.steer.deceleration_m_s2,
+        ),
+        (slower.tread_speed_m_s, configured.tread_speed_m_s),
+    ] {
+        assert!((found / told - 0.5).abs() < 0.02, "{slower:?}");
+    }
+    assert_eq!(limits((1.5, 1.5)), configured);
 }
 
 #[test]

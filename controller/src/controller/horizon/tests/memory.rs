@@ -148,6 +148,8 @@ fn a_vehicle_beside_its_path_is_aimed_to_the_other_side_the_next_time() {
             let turning_m_s = 0.2 * controller.horizon.half_track_m;
             (reading.value.left_m_s, reading.value.right_m_s) =
                 (own_m_s - turning_m_s, own_m_s + turning_m_s);
+            // It goes its way whatever is commanded.
+            controller.drives = Drives::new(&controller.config);
             controller.step(&sample, None);
         }
         for at_m in [1.0, 2.0, 3.2, 4.0, 5.0] {
