@@ -81,7 +81,7 @@ pub(super) fn controller_status(decision: &Decision, drives: &DriveResponse) -> 
 }
 
 /// Returns how the drives respond: in words, empty where they do as they are told, and in figures.
-pub fn drive_values(drives: &DriveResponse) -> [KeyValue; 7] {
+pub fn drive_values(drives: &DriveResponse) -> [KeyValue; 9] {
     let number = |value: f64| format!("{value:.3}");
     let (traction, steer) = (&drives.traction, &drives.steer);
     [
@@ -96,6 +96,8 @@ pub fn drive_values(drives: &DriveResponse) -> [KeyValue; 7] {
             "steer_acceleration_m_s2",
             number(steer.acceleration_max_m_s2),
         ),
+        ("traction_gain", number(traction.gain)),
+        ("steer_gain", number(steer.gain)),
         ("command_share", number(drives.share)),
         ("drive_delay_s", number(drives.delay_s)),
     ]

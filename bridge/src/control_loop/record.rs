@@ -132,19 +132,25 @@ impl Record for LoopRecord {
     }
 }
 
-/// Share by which the largest speed of a motor, or the share of commands that is followed, falls for the response of the
-/// drives to be another.
+/// Share by which the largest speed or the gain of a motor, or the share of commands that is followed, falls for the
+/// response of the drives to be another.
 const LOSS: f64 = 0.1;
 
 /// Returns whether a response of the drives is worth another record than the last: a motor falls short of its
-/// commands or reaches them again, or what it reaches has fallen by a tenth. That it rises is not: it does while less
-/// is commanded.
+/// commands, reaches them again, or runs at a gain of them, or what it reaches has fallen by a tenth. That it rises is
+/// not: it does while less is commanded.
 pub fn differs(last: Option<&DriveResponse>, now: &DriveResponse) -> bool {
     let reached = |response: &DriveResponse| {
-        let (traction, steer) = (response.traction.short_m_s(), response.steer.short_m_s());
-        [traction, steer, response.scaled()]
+        let (traction, steer) = (&response.traction, &response.steer);
+        [
+            traction.short_m_s(),
+            steer.short_m_s(),
+            traction.gain_off(),
+            steer.gain_off(),
+            response.scaled(),
+        ]
     };
-    let before = last.map_or([None; 3], reached);
+    let before = last.map_or([None; 5], reached);
     let pairs = before.into_iter().zip(reached(now));
     pairs.into_iter().any(|pair| match pair {
         (Some(before), Some(now)) => now < (1.0 - LOSS) * before,

@@ -84,10 +84,12 @@ function showDiagnostics() {
       ['largest steer', values.steer_reached_m_s, 'm/s'],
       ['traction gains', values.traction_acceleration_m_s2, 'm/s²'],
       ['steer gains', values.steer_acceleration_m_s2, 'm/s²'],
+      ['traction over its commands', values.traction_gain, ''],
+      ['steer over its commands', values.steer_gain, ''],
       ['a command acts after', values.drive_delay_s, 's'],
     ];
     $('motors').replaceChildren(...figures.flatMap(([name, value, unit]) =>
-      [make('dt', { textContent: name }), make('dd', { textContent: `${digits(Number(value))} ${unit}` })]));
+      [make('dt', { textContent: name }), make('dd', { textContent: `${digits(Number(value))} ${unit}`.trim() })]));
   }
   const learned = Object.entries(values).filter(([key]) => key.startsWith('learned_'));
   $('learned').hidden = !learned.length;
