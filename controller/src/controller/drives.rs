@@ -1,8 +1,8 @@
 //! What the drives do with commands, learned while driving.
 //!
 //! Configured limits and delays are starting values that may be wrong: a motor may reach less speed than it is told
-//! to have, or gain it slower, or be faster or slower than commanded at all speeds, and a command may act later. All of it shows in the measured tread speeds beside the
-//! commands.
+//! to have, gain it slower, or run faster or slower than commanded at all speeds, and a command may act later. All of
+//! it shows in the measured tread speeds beside the commands.
 
 mod gain;
 mod rate;
