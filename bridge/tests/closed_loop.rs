@@ -626,3 +626,31 @@ fn commands_that_are_scaled_down_are_told_from_a_weak_motor() {
         assert!(!said.contains("the traction motor reaches"), "{said}");
     }
 }
+
+#[test]
+fn a_motor_that_runs_at_a_gain_of_its_commands_is_named() {
+    let safety = SafetyConfig {
+        plausible_difference_m_s: 0.5,
+        ..SafetyConfig::default()
+    };
+    let rates = "acceleration_max_m_s2: 2, deceleration_max_m_s2: 2";
+    for (motors, motor, percent) in [
+        (
+            format!("{{traction: {{{rates}}}, steer: {{{rates}, gain: 0.6}}}}"),
+            "steer",
+            60.0,
+        ),
+        (
+            format!("{{traction: {{{rates}, gain: 1.3}}, steer: {{{rates}}}}}"),
+            "traction",
+            130.0,
+        ),
+    ] {
+        let said = said_of_drives(&motors, safety);
+        let begin = format!("the {motor} motor runs at ");
+        let named = said.last().and_then(|said| said.strip_prefix(&begin));
+        let figure = named.and_then(|said| said.strip_suffix(" % of its commands"));
+        let found: f64 = figure.map_or(f64::NAN, |figure| figure.parse().unwrap());
+        assert!((found - percent).abs() < 3.0, "{said:?}");
+    }
+}

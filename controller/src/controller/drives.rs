@@ -406,6 +406,7 @@ impl Drives {
     fn observe_motors(&mut self, speeds: MotorSpeeds, command: MotorSpeeds, elapsed_s: f64) {
         let (was_scaled, share) = (self.scale.is_scaled(), self.scale.share());
         let asked = self.asked(command);
+        let gains = [self.traction.gain.value(), self.steer.gain.value()];
         let known = self.why_short();
         let seen = |motor: &mut Motor, speed_m_s: f64, asked_m_s: f64| {
             motor.observe(speed_m_s, share * asked_m_s, elapsed_s)
@@ -441,6 +442,11 @@ impl Drives {
         }
         if found || tries(&self.steer, self.steer.gain.is_limited()) {
             self.steer.release();
+        }
+        // What is smoothed of commands is what they give as known now.
+        let now = self.scale.share() / share;
+        for (motor, before) in [&mut self.traction, &mut self.steer].into_iter().zip(gains) {
+            motor.command_m_s *= now * motor.gain.value() / before;
         }
     }
 
