@@ -28,7 +28,6 @@ pub(super) struct Gain {
     least: f64,
     sums: Integrals,
     known: bool,
-    limited: bool,
 }
 
 /// Integrals over time, which fade.
@@ -90,6 +89,11 @@ impl Integrals {
         self.speed_command / self.command_command
     }
 
+    /// Returns what noise may leave unexplained, m^2/s.
+    fn noise(&self) -> f64 {
+        NOISE_M_S * NOISE_M_S * (self.time_s + EVIDENCE_S)
+    }
+
     /// Returns what a gain leaves unexplained, m^2/s.
     fn misfit_of_gain(&self) -> f64 {
         self.speed_speed - self.gain() * self.speed_command
@@ -118,7 +122,6 @@ impl Gain {
             least,
             sums: Integrals::default(),
             known: false,
-            limited: false,
         }
     }
 
@@ -133,7 +136,8 @@ impl Gain {
 
     /// Returns whether the motor is known to be at its largest speed.
     pub(super) fn is_limited(&self) -> bool {
-        self.limited
+        let (gain, limit) = (self.sums.misfit_of_gain(), self.sums.misfit_of_limit());
+        gain > BETTER * limit + self.sums.noise()
     }
 
     /// Lets what was seen until now count little.
@@ -148,9 +152,7 @@ impl Gain {
             .sums
             .with(fade, &Integrals::of(speed, command, elapsed_s));
         let (gain, limit) = (self.sums.misfit_of_gain(), self.sums.misfit_of_limit());
-        let noise = NOISE_M_S * NOISE_M_S * (self.sums.time_s + EVIDENCE_S);
-        self.limited = gain > BETTER * limit + noise;
-        if limit > BETTER * gain + noise {
+        if limit > BETTER * gain + self.sums.noise() {
             self.known = true;
         } else if limit < NO_BETTER * gain {
             self.known = false;
