@@ -6,7 +6,7 @@
 //! the dual cost, it takes in the worst one alone, as the method has it. A bound on the steps ends
 //! a search that rounding keeps going.
 //!
-//! What it finds is a guess for [`WorkingSet`](super::working_set::WorkingSet), which checks it.
+//! [`WorkingSet`](super::working_set::WorkingSet) checks what it finds by the residuals of the whole QP.
 
 use super::active_limits::{ActiveLimits, Limit, LimitKind, PerLimit};
 use super::clarabel_qp::SolveLimits;
@@ -67,12 +67,30 @@ impl LimitSearch {
         self.systems
     }
 
-    /// Puts the inputs of the last recursion into a point.
-    pub fn put_inputs(&self, rows: &Rows, point: &mut Point) {
-        for (stage, inputs) in self.recursion.optimum.inputs.iter().enumerate() {
-            for (motor, input) in inputs.iter().enumerate() {
-                let bound = rows.columns(ROWS_PER_STAGE * stage + 4 * motor);
-                point.primal[bound[0]] = *input;
+    /// Puts the optimum of the last recursion and its multipliers into a point.
+    pub fn put_optimum(&self, data: &QpData, rows: &Rows, point: &mut Point) {
+        let optimum = &self.recursion.optimum;
+        let mut multipliers = point.dual.iter_mut();
+        let mut end = 0;
+        for (stage, inputs) in optimum.inputs.iter().enumerate() {
+            let first = rows.columns(ROWS_PER_STAGE * stage)[0];
+            // A block begins with its state, which the first equalities left tie to the block before.
+            let state = &mut point.primal[end..first];
+            if !state.is_empty() {
+                state.copy_from_slice(&optimum.states[stage - 1]);
+                for (costate, multiplier) in optimum.costates[stage].iter().zip(&mut multipliers) {
+                    *multiplier = -costate;
+                }
+            }
+            end = first + inputs.len();
+            point.primal[first..end].copy_from_slice(inputs);
+        }
+        data.slacken(point);
+        point.dual[data.equalities..].fill(0.0);
+        for limit in self.active.limits() {
+            if let Some((row, scale)) = self.active.row(limit, data, rows) {
+                point.dual[row] = self.multipliers.get(limit) / scale;
+                point.slack[row] = 0.0;
             }
         }
     }

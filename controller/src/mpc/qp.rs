@@ -1,8 +1,7 @@
 //! A convex QP of fixed sparsity that is solved once per cycle.
 //!
-//! Without active inequalities, one linear system gives the solution. Otherwise the active rows are
-//! mostly those of the cycle before, so the solver starts from them ([`WorkingSet`]). Only where that
-//! fails does it call the interior-point method, which cannot be warm-started.
+//! The active rows are mostly those of the cycle before, so the solver starts from them ([`WorkingSet`]). Only
+//! where that fails does it call the interior-point method, which cannot be warm-started.
 
 use super::clarabel_qp::{InteriorPoint, SolveEnding, SolveLimits};
 use super::failure::QpFailure;
@@ -17,7 +16,7 @@ use std::sync::Arc;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SolvePath {
-    /// No inequality is active: one linear system.
+    /// No inequality is active.
     Relaxed,
     /// By an active-set method.
     WorkingSet,

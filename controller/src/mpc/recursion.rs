@@ -46,7 +46,9 @@ pub struct StageTrajectory {
     /// Derivatives of the cost by u, rows left out.
     pub slopes: Vec<[f64; MOTORS]>,
     /// xi at the stages' ends.
-    states: Vec<[f64; 3]>,
+    pub states: Vec<[f64; 3]>,
+    /// Derivatives of the cost from each stage on by xi at its begin.
+    pub costates: Vec<[f64; 3]>,
 }
 
 impl StageTrajectory {
@@ -55,6 +57,7 @@ impl StageTrajectory {
             inputs: vec![[0.0; MOTORS]; stages],
             slopes: vec![[0.0; MOTORS]; stages],
             states: vec![[0.0; 3]; stages],
+            costates: vec![[0.0; 3]; stages],
         }
     }
 }
@@ -221,7 +224,7 @@ fn forwards(terms: &StageTerms, xi: &[f64; 3], inputs: &[f64; MOTORS]) -> [f64; 
     })
 }
 
-/// Sets the derivatives of the cost by the inputs and returns the cost; its linear terms are multiplied
+/// Sets the derivatives of the cost and returns the cost; its linear terms are multiplied
 /// by `linear`.
 fn differentiate(stages: &[StageTerms], path: &mut StageTrajectory, linear: f64) -> f64 {
     let mut cost = 0.0;
@@ -251,6 +254,7 @@ fn differentiate(stages: &[StageTerms], path: &mut StageTrajectory, linear: f64)
         }
         ahead = terms.back(ahead);
         ahead[2] += pull * by_yaw;
+        path.costates[k] = ahead;
     }
     cost
 }

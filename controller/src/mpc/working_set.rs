@@ -1,9 +1,9 @@
 //! The QP for a set of active rows, which starts from that of the last solve.
 //!
-//! [`LimitSearch`] mostly finds the set. With the active rows W known, the QP is one linear system. Where
-//! its solution has wrong signs, rows with negative multipliers leave W and violated ones join it
-//! (Hintermueller, Ito and Kunisch, SIAM J. Optim. 13, 2002). That can cycle: it ends where the number of
-//! wrong signs does not fall, and the interior-point method solves the QP.
+//! [`LimitSearch`] mostly finds the set and the solution. Where it does not apply or fails, the QP of the active
+//! rows W is one linear system. Where its solution has wrong signs, rows with negative multipliers leave W and
+//! violated ones join it (Hintermueller, Ito and Kunisch, SIAM J. Optim. 13, 2002). That can cycle: it ends where
+//! the number of wrong signs does not fall, and the interior-point method solves the QP.
 //!
 //! W enters as a penalty rho/2 (a' x - b)^2 on each of its rows a, so that all systems have one
 //! sparsity pattern: P's, with room for the products of each row. The multiplier of a row is
@@ -25,7 +25,7 @@ use super::rows::Rows;
 
 /// A penalty's curvature along its row, relative to P's own.
 const STIFFNESS: f64 = 1e6;
-/// Largest number of systems after the search.
+/// Largest number of these systems.
 const CORRECTIONS: u32 = 6;
 /// Factor by which the number of wrong signs must fall from one system to the next.
 const PROGRESS: f64 = 0.7;
@@ -40,8 +40,6 @@ pub struct WorkingSet {
     rows: Rows,
     system: LinearSystem,
     search: Option<LimitSearch>,
-    /// Whether the search had its turn in this solve.
-    searched: bool,
     places: Places,
     /// Values of P with the penalties.
     p: Vec<f64>,
@@ -71,7 +69,6 @@ impl WorkingSet {
         Ok(Self {
             system: LinearSystem::new(&penalised)?,
             search: LimitSearch::new(data),
-            searched: false,
             p: penalised.p.nzval,
             equalities: penalised.a.nzval,
             diagonal: vec![0.0; data.q.len()],
@@ -123,12 +120,11 @@ impl WorkingSet {
         if !self.rows.fit(data) || data.p.nzval.len() != self.places.p.len() {
             return Err(QpFailure::Rejected);
         }
-        for (value, place) in self.equalities.iter_mut().zip(&self.places.equalities) {
-            *value = data.a.nzval[*place];
-        }
-        self.searched = false;
-        if self.binds() {
-            self.search(data, point, limits)?;
+        if self.search(data, point, limits)? {
+            let residuals = data.residuals(point, work);
+            if residuals.within(SHARPER * tolerance) {
+                return Ok(Some(residuals));
+            }
         }
         let solved = self.correct(data, point, work, tolerance, limits)?;
         if solved.is_none() {
@@ -138,23 +134,23 @@ impl WorkingSet {
         Ok(solved)
     }
 
-    /// Searches the active rows stage by stage; where they are not found the members stay as they are.
+    /// Searches the active rows stage by stage; returns whether they were found, and `point` is the optimum. Where not,
+    /// the members stay as they are.
     fn search(
         &mut self,
         data: &QpData,
         point: &mut Point,
         limits: &SolveLimits,
-    ) -> Result<(), QpFailure> {
-        self.searched = true;
+    ) -> Result<bool, QpFailure> {
         let Some(search) = &mut self.search else {
-            return Ok(());
+            return Ok(false);
         };
         let found = search.find(data, &self.rows, &mut self.members, limits);
         self.factorisations += search.systems();
         if search.systems() > 0 {
-            search.put_inputs(&self.rows, point);
+            search.put_optimum(data, &self.rows, point);
         }
-        found.map(|_| ()).map_err(|()| self.late())
+        found.map_err(|()| self.late())
     }
 
     /// Exchanges all rows of wrong sign at once, until none is left or their number does not fall.
@@ -166,6 +162,9 @@ impl WorkingSet {
         tolerance: f64,
         limits: &SolveLimits,
     ) -> Result<Option<Residuals>, QpFailure> {
+        for (value, place) in self.equalities.iter_mut().zip(&self.places.equalities) {
+            *value = data.a.nzval[*place];
+        }
         let mut before = usize::MAX;
         for _ in 0..CORRECTIONS {
             if !self.factorise(data, limits)? || !self.first_point(data, point) {
@@ -190,9 +189,6 @@ impl WorkingSet {
             }
             before = wrong;
             std::mem::swap(&mut self.members, &mut self.next);
-            if !self.searched {
-                self.search(data, point, limits)?;
-            }
         }
         Ok(None)
     }

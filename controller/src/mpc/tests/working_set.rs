@@ -45,15 +45,15 @@ proptest! {
         let binds = working_set.binds();
         let found = working_set.solve(&data, &mut point, &mut work, 1e-6, &limits).unwrap();
         prop_assert!(found.is_some());
-        // Where the stages are searched for them, that is a recursion.
-        let systems = if binds && !treads { 2 } else { 1 };
-        prop_assert_eq!(working_set.factorisations(), systems);
+        prop_assert_eq!(working_set.factorisations(), 1);
         prop_assert!(distance(&point.primal, &solution.primal) < 1e-3);
 
-        if systems < 2 {
+        if treads || !binds {
             return Ok(());
         }
-        // Cut short before the first recursion it leaves the point, and after it the inputs.
+        // One that begins without them takes more: cut short before the first it leaves the point, and after it the
+        // optimum without limits.
+        let mut working_set = WorkingSet::new(&data).unwrap();
         point.primal.fill(7.0);
         limits.begin_cycle(Some(0));
         let late = working_set.solve(&data, &mut point, &mut work, 1e-6, &limits);
@@ -62,6 +62,8 @@ proptest! {
         limits.begin_cycle(Some(1));
         let late = working_set.solve(&data, &mut point, &mut work, 1e-6, &limits);
         prop_assert_eq!(late, Err(QpFailure::Deadline { iterations: 1 }));
-        prop_assert!(distance(&point.primal[..2], &solution.primal[..2]) < 1e-3);
+        let mut relaxed = QpSolver::new(data.without_inequalities(), exact()).unwrap();
+        relaxed.solve(None).unwrap();
+        prop_assert!(distance(&point.primal, relaxed.primal()) < 1e-3);
     }
 }
