@@ -104,9 +104,10 @@ impl ActiveLimits {
     pub fn load(&mut self, data: &QpData, rows: &Rows, guess: &[bool]) {
         self.sides.fill(0);
         for limit in self.limits() {
+            // A row's last entry is its own stage's.
             let end = |side: i8| {
                 let row = row_of(limit, side);
-                data.b[data.equalities + row] / own_entry(data, rows, row)
+                data.b[data.equalities + row] / rows.last(data, row)
             };
             self.ranges.set(limit, [end(-1), end(1)]);
             for side in [1, -1] {
@@ -133,7 +134,7 @@ impl ActiveLimits {
     pub fn row(&self, limit: Limit, data: &QpData, rows: &Rows) -> Option<(usize, f64)> {
         let side = self.sides.get(limit);
         let row = row_of(limit, side);
-        (side != 0).then(|| (data.equalities + row, own_entry(data, rows, row).abs()))
+        (side != 0).then(|| (data.equalities + row, rows.last(data, row).abs()))
     }
 
     /// Returns the value of the active side.
@@ -276,11 +277,6 @@ impl ActiveLimits {
 
 fn limit(kind: LimitKind, stage: usize, motor: usize) -> Limit {
     Limit { kind, stage, motor }
-}
-
-/// Returns the entry of a row in its own stage's input, which is its last.
-fn own_entry(data: &QpData, rows: &Rows, row: usize) -> f64 {
-    rows.entries(data, row).last().map_or(1.0, |entry| entry.1)
 }
 
 /// Returns the row of a limit's side: bound and change from above, then from below.

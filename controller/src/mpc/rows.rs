@@ -54,6 +54,11 @@ impl Rows {
         &self.columns[self.starts[row]..self.starts[row + 1]]
     }
 
+    /// Returns the last entry of a row, which has one.
+    pub fn last(&self, data: &QpData, row: usize) -> f64 {
+        data.a.nzval[self.places[self.starts[row + 1] - 1]]
+    }
+
     /// Returns a row's entries, each with its column.
     pub fn entries<'a>(
         &'a self,

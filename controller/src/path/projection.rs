@@ -55,14 +55,20 @@ impl Path {
             for bounds in [(low_m, cusp_m.next_down()), (cusp_m, high_m)] {
                 let coarse_m = self.best_sample(position, around_m, bounds);
                 let other = self.refine(position, coarse_m, bounds, TOLERANCE_M);
-                if cost(&other.point) < cost(&nearest.point) {
+                if cost(&other) < cost(&nearest) {
                     nearest = other;
                 }
             }
         }
-        nearest.point.arc_length_m += laps * self.length_m;
-        nearest.point.heading_rad += laps * self.turn_per_lap_rad();
-        nearest
+        let (_, left_m) = nearest.offsets_to(position);
+        let sign = if left_m < 0.0 { -1.0 } else { 1.0 };
+        let cross_track_m = sign * nearest.position.distance_m(position);
+        nearest.arc_length_m += laps * self.length_m;
+        nearest.heading_rad += laps * self.turn_per_lap_rad();
+        Projected {
+            point: nearest,
+            cross_track_m,
+        }
     }
 
     /// Returns the point near `from_m` that is nearest to `position`, to a few mm, on the piece of the
@@ -87,7 +93,6 @@ impl Path {
         }
         let from_m = from_m.clamp(low_m, high_m.max(low_m));
         self.refine(position, from_m, (low_m, high_m), TOLERANCE_M)
-            .point
     }
 
     /// Returns the arc length, of a set no sparser than the samples, with the least cost. The set is that of whole steps,
@@ -130,7 +135,7 @@ impl Path {
         from_m: f64,
         bounds_m: (f64, f64),
         tolerance_m: f64,
-    ) -> Projected {
+    ) -> PathPoint {
         let (mut low_m, mut high_m) = bounds_m;
         if !self.closed {
             let piece = &self.pieces[self.piece_index(from_m)];
@@ -152,12 +157,7 @@ impl Path {
                 break;
             }
         }
-        let (_, left_m) = point.offsets_to(position);
-        let sign = if left_m < 0.0 { -1.0 } else { 1.0 };
-        Projected {
-            cross_track_m: sign * point.position.distance_m(position),
-            point,
-        }
+        point
     }
 }
 

@@ -71,6 +71,8 @@ impl Placed {
 
 /// Returns the rate of (x, y, yaw) at heading `yaw_rad` on a plane with upward unit normal
 /// `normal_in_world`: `body_velocity` in equation (12), with the attitude that this heading has there, see [`Placed`].
+// Inlined, so that a caller of some derivatives does not pay for all.
+#[inline(always)]
 pub fn rate_on_plane(
     normal_in_world: &Vector3<f64>,
     yaw_rad: f64,
@@ -130,13 +132,20 @@ pub fn step_on_plane(
     step_s: f64,
     mut body_velocity: impl FnMut(&Placed) -> Linearised,
 ) -> LinearisedStep {
-    let half = 0.5 * step_s;
     let start = rate_on_plane(normal_in_world, yaw_rad, &mut body_velocity);
-    let middle = rate_on_plane(
-        normal_in_world,
-        yaw_rad + half * start.rate.z,
-        &mut body_velocity,
-    );
+    let yaw_rad = yaw_rad + 0.5 * step_s * start.rate.z;
+    let middle = rate_on_plane(normal_in_world, yaw_rad, &mut body_velocity);
+    midpoint_step(&start, &middle, step_s)
+}
+
+/// Returns a step of `step_s` by the rates at its start and in its middle.
+#[inline(always)]
+pub fn midpoint_step(
+    start: &LinearisedRate,
+    middle: &LinearisedRate,
+    step_s: f64,
+) -> LinearisedStep {
+    let half = 0.5 * step_s;
     let middle_by_yaw = 1.0 + half * start.by_yaw.z;
     LinearisedStep {
         increment: step_s * middle.rate,
