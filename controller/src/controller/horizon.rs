@@ -40,8 +40,8 @@ const FASTER_MAX: f64 = 1.25;
 /// into which it turns. Without it each plan would swing the point to the path at its end, and the next one again.
 const LEADING_END: f64 = 40.0;
 
-/// Factor on the weight of a change of steer of contact-mpc on the path, where most of what steer would answer is the
-/// poses' noise, and far beside it.
+/// Factor on the weight of a change of steer on the path, where most of what steer would answer is the poses' noise, and
+/// far beside it.
 const STEER_CHANGE_ON_PATH: f64 = 2.5;
 const STEER_CHANGE_OFF_PATH: f64 = 0.25;
 /// Distance from the path at which that factor is half way between both, m.
@@ -109,10 +109,6 @@ impl Controller {
         let Law::Mpc(mpc) = &mut self.law else {
             return;
         };
-        let steer_change = match mpc.model_mut() {
-            Model::Icr(_) => 1.0,
-            Model::Contact(_) => contact_steer_change(progress.cross_track_m),
-        };
         if self.adapts {
             match mpc.model_mut() {
                 Model::Icr(model) => {
@@ -134,7 +130,7 @@ impl Controller {
         (self.horizon.start, self.horizon.moving) = self.roll_forward(estimate, progress);
         self.horizon.previous = previous;
         self.horizon.change_weights = self.config.weights.changes();
-        self.horizon.change_weights.steer *= steer_change;
+        self.horizon.change_weights.steer *= steer_change(progress.cross_track_m);
         let Law::Mpc(mpc) = &self.law else {
             return;
         };
@@ -421,8 +417,8 @@ fn weights_by_way(weights: &Weights, way_cost: f64) -> Weights {
     }
 }
 
-/// Returns the factor on the weight of a change of steer of contact-mpc at a distance from the path.
-fn contact_steer_change(cross_track_m: f64) -> f64 {
+/// Returns the factor on the weight of a change of steer at a distance from the path.
+fn steer_change(cross_track_m: f64) -> f64 {
     let squared = (cross_track_m / OFF_PATH_M).powi(2);
     let off_path = squared / (1.0 + squared);
     STEER_CHANGE_ON_PATH + off_path * (STEER_CHANGE_OFF_PATH - STEER_CHANGE_ON_PATH)

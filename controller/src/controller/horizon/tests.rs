@@ -290,10 +290,10 @@ fn changes_cost_more_in_longer_stages_and_those_of_steer_less_beside_the_path() 
         ..Straight::default()
     });
     for (kind, beside_m, factor) in [
-        (ControllerKind::IcrikMpc, 0.0, 1.0),
-        (ControllerKind::IcrikMpc, 0.05, 1.0),
-        (ControllerKind::ContactMpc, 0.0, 2.5),
+        (ControllerKind::IcrikMpc, 0.0, 2.5),
         // Half way between 2.5 and 0.25.
+        (ControllerKind::IcrikMpc, 0.05, 1.375),
+        (ControllerKind::ContactMpc, 0.0, 2.5),
         (ControllerKind::ContactMpc, 0.05, 1.375),
     ] {
         let beside = |reference: &Reference| {
