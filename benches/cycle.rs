@@ -14,7 +14,7 @@ use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::{Controller, Status};
 use sidehill_controller::course::FigureEight;
 use sidehill_controller::mpc::{
-    Horizon, Mpc, MpcSettings, QpData, QpMode, QpSettings, QpSolver, SolvePath, StageTarget,
+    Horizon, Mpc, MpcSettings, QpMode, QpSettings, QpSolver, SolvePath, StageQp, StageTarget,
     StageWeights,
 };
 use sidehill_controller::reference::Reference;
@@ -128,9 +128,8 @@ fn cycle(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// The whole cycle at 40 stages: by the rows that bind, by the interior-point method in each cycle, clarabel's
-/// defaults made new each cycle for the same QP, and the same with plain multiple shooting, which is one
-/// stage a block.
+/// The whole cycle at 40 stages: by the rows that bind, by the interior-point method in each cycle, and by
+/// clarabel's defaults made new each cycle.
 fn solver_modes(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("cycle_40_stages");
     let working_set = horizon(40);
@@ -139,13 +138,10 @@ fn solver_modes(criterion: &mut Criterion) {
     in_place.solver.mode = QpMode::InPlace;
     let mut fresh = working_set.clone();
     fresh.solver.mode = QpMode::FreshDefaults;
-    let mut multiple_shooting = fresh.clone();
-    multiple_shooting.block_stages = 1;
     for (name, config) in [
         ("working_set", &working_set),
         ("in_place", &in_place),
         ("fresh_defaults", &fresh),
-        ("fresh_defaults_multiple_shooting", &multiple_shooting),
     ] {
         group.bench_function(name, |bencher| {
             bencher.iter_custom(|count| replay(config, &samples, count));
@@ -158,7 +154,7 @@ fn solver_modes(criterion: &mut Criterion) {
 #[derive(Clone, Copy, PartialEq)]
 enum Part {
     Linearise,
-    Condense,
+    Assemble,
     Solve,
 }
 
@@ -243,9 +239,9 @@ fn replay_part(
             let start = Instant::now();
             let linearised = mpc.linearise(black_box(horizon));
             let linearised_at = Instant::now();
-            let condensed = linearised.condense();
-            let condensed_at = Instant::now();
-            black_box(condensed.solve(None)).unwrap();
+            let assembled = linearised.assemble();
+            let assembled_at = Instant::now();
+            black_box(assembled.solve(None)).unwrap();
             let solved_at = Instant::now();
             // The first cycle solves about a plan that no other was.
             if i == 0 {
@@ -253,8 +249,8 @@ fn replay_part(
             }
             total += match part {
                 Part::Linearise => linearised_at - start,
-                Part::Condense => condensed_at - linearised_at,
-                Part::Solve => solved_at - condensed_at,
+                Part::Assemble => assembled_at - linearised_at,
+                Part::Solve => solved_at - assembled_at,
             };
             done += 1;
             if done == count {
@@ -269,7 +265,7 @@ fn replay_part(
 fn parts(criterion: &mut Criterion) {
     for (name, part) in [
         ("linearise", Part::Linearise),
-        ("condense", Part::Condense),
+        ("assemble", Part::Assemble),
         ("solve", Part::Solve),
     ] {
         let mut group = criterion.benchmark_group(name);
@@ -285,7 +281,7 @@ fn parts(criterion: &mut Criterion) {
 }
 
 /// Returns the QPs of a drive at the end of grip, in most of whose cycles limits bind.
-fn end_of_grip(stages: usize) -> Vec<QpData> {
+fn end_of_grip(stages: usize) -> Vec<StageQp> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/scenarios");
     let file = ConfigFile::read(&folder.join("figure_eight_15deg.yaml")).unwrap();
     let file = Conditions::read(Path::new("realistic"))
@@ -309,12 +305,12 @@ fn end_of_grip(stages: usize) -> Vec<QpData> {
         Some(&mut recording),
     )
     .unwrap();
-    recording.qps()
+    recording.qps().to_vec()
 }
 
 /// Returns the time that a solver takes for `count` QPs of `qps`, in their order, of those that the
 /// working set solves in the way of `path`.
-fn replay_solves(qps: &[QpData], mode: QpMode, path: SolvePath, count: u64) -> Duration {
+fn replay_solves(qps: &[StageQp], mode: QpMode, path: SolvePath, count: u64) -> Duration {
     let settings = QpSettings {
         mode,
         ..QpSettings::default()
@@ -325,9 +321,9 @@ fn replay_solves(qps: &[QpData], mode: QpMode, path: SolvePath, count: u64) -> D
         let mut chooser = QpSolver::new(qps[0].clone(), QpSettings::default()).unwrap();
         let mut solver = QpSolver::new(qps[0].clone(), settings).unwrap();
         for qp in qps {
-            chooser.data_mut().clone_from(qp);
+            chooser.qp_mut().clone_from(qp);
             black_box(chooser.solve(None)).unwrap();
-            solver.data_mut().clone_from(qp);
+            solver.qp_mut().clone_from(qp);
             let begin = Instant::now();
             let solved = black_box(solver.solve(None));
             if solved.is_ok() && chooser.path() == path {

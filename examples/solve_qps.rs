@@ -8,10 +8,10 @@
 //! `..._us`, and `reference_x`, the interior-point method's at a tolerance of 1e-9.
 
 use anyhow::{Context, Result, ensure};
-use ndarray::{Array1, Array2, ArrayView1};
+use ndarray::{Array1, Array2};
 use ndarray_npy::NpzWriter;
 use sidehill::qp_recording;
-use sidehill_controller::mpc::{QpData, QpMode, QpSettings, QpSolver};
+use sidehill_controller::mpc::{QpMode, QpSettings, QpSolver, StageQp};
 use std::fs::File;
 use std::time::Instant;
 
@@ -52,19 +52,19 @@ fn main() -> Result<()> {
 }
 
 /// Returns the points, NaN where a solve failed, and the times of the solves.
-fn solve_all(qps: &[QpData], settings: QpSettings) -> Result<(Array2<f64>, Array1<f64>)> {
+fn solve_all(qps: &[StageQp], settings: QpSettings) -> Result<(Array2<f64>, Array1<f64>)> {
     let mut solver = QpSolver::new(qps[0].clone(), settings)?;
-    let mut points = Array2::from_elem((qps.len(), qps[0].q.len()), f64::NAN);
+    let mut points = Array2::from_elem((qps.len(), solver.solved().primal.len()), f64::NAN);
     let mut times_us = Array1::zeros(qps.len());
     for (i, data) in qps.iter().enumerate() {
-        solver.data_mut().clone_from(data);
+        solver.qp_mut().clone_from(data);
         let begin = Instant::now();
         let solved = solver.solve(None);
         times_us[i] = 1e6 * begin.elapsed().as_secs_f64();
         if solved.is_ok() {
             points
                 .row_mut(i)
-                .assign(&ArrayView1::from(solver.point().primal.as_slice()));
+                .assign(&Array1::from(solver.solved().primal));
         }
     }
     Ok((points, times_us))

@@ -7,8 +7,9 @@
 //! All QPs of a run share a sparsity pattern. The file contains it once, in compressed columns
 //! (`P_indptr`, `P_indices`, `A_indptr`, `A_indices`; P is the upper triangle), with `equalities`, the
 //! number of rows with s = 0. Of each QP, a row an array, it holds `P_data`, `q`, `A_data`, `b`, the
-//! solution `x` with the multipliers `y`, `time_s`, `iterations`, `solve_us`, and, where only bounds and
-//! changes of the inputs limit it, the terms of its `stages`.
+//! solution `x` with the multipliers `y`, `time_s`, `iterations` and `solve_us`. For Sidehill's own
+//! solver it holds the same QPs stage by stage: `stages` and `rows`, with `input_rows`, the number of a
+//! stage's rows that limit inputs.
 
 use crate::closed_loop::Observer;
 use anyhow::{Context, Result, ensure};
@@ -16,7 +17,7 @@ use ndarray::{Array0, Array1, Array2, ArrayView, ArrayView2, Ix1, arr0};
 use ndarray_npy::{NpzReader, NpzWriter};
 use sidehill_controller::closed_loop::Cycle;
 use sidehill_controller::controller::Controller;
-use sidehill_controller::mpc::{CscMatrix, Point, QpData, SolveReport, StageTerms};
+use sidehill_controller::mpc::{QpData, QpSolver, SolveReport, SolvedQp, StageQp};
 use std::fs::File;
 use std::io::Cursor;
 use std::path::Path;
@@ -24,14 +25,13 @@ use std::path::Path;
 /// The QPs of a run, each with its solution.
 #[derive(Debug, Clone, Default)]
 pub struct QpRecording {
-    /// The first QP, whose pattern all share.
+    /// The first QP in compressed columns, whose pattern all share.
     first: Option<QpData>,
+    qps: Vec<StageQp>,
     p: Vec<f64>,
     q: Vec<f64>,
     a: Vec<f64>,
     b: Vec<f64>,
-    /// Of all QPs, one after the other.
-    stages: Vec<StageTerms>,
     x: Vec<f64>,
     y: Vec<f64>,
     times_s: Vec<f64>,
@@ -46,7 +46,7 @@ impl Observer for QpRecording {
 
     fn cycle(&mut self, cycle: &Cycle, controller: &Controller) -> Result<()> {
         if let (Some(mpc), Some(report)) = (controller.mpc(), &cycle.decision.solve) {
-            self.push(cycle.state.time_s, mpc.qp(), report);
+            self.push(cycle.state.time_s, mpc.qp_solver(), report);
         }
         Ok(())
     }
@@ -54,38 +54,24 @@ impl Observer for QpRecording {
 
 impl QpRecording {
     /// Adds the QP of the cycle at `time_s` with its solution.
-    pub fn push(&mut self, time_s: f64, (data, point): (&QpData, &Point), report: &SolveReport) {
-        self.first.get_or_insert_with(|| data.clone());
+    pub fn push(&mut self, time_s: f64, solver: &QpSolver, report: &SolveReport) {
+        let SolvedQp { data, primal, dual } = solver.solved();
         self.p.extend_from_slice(&data.p.nzval);
         self.q.extend_from_slice(&data.q);
         self.a.extend_from_slice(&data.a.nzval);
         self.b.extend_from_slice(&data.b);
-        self.stages.extend_from_slice(&data.stages);
-        self.x.extend_from_slice(&point.primal);
-        self.y.extend_from_slice(&point.dual);
+        self.first.get_or_insert(data);
+        self.qps.push(solver.qp().clone());
+        self.x.extend(primal);
+        self.y.extend(dual);
         self.times_s.push(time_s);
         self.iterations.push(i64::from(report.iterations));
         self.solve_us.push(1e6 * report.solve_time_s);
     }
 
     /// Returns the QPs.
-    pub fn qps(&self) -> Vec<QpData> {
-        let Some(first) = &self.first else {
-            return Vec::new();
-        };
-        fn values<T: Clone>(all: &[T], size: usize, i: usize) -> Vec<T> {
-            all[i * size..(i + 1) * size].to_vec()
-        }
-        let qp = |i| {
-            let mut qp = first.clone();
-            qp.p.nzval = values(&self.p, qp.p.nzval.len(), i);
-            qp.q = values(&self.q, qp.q.len(), i);
-            qp.a.nzval = values(&self.a, qp.a.nzval.len(), i);
-            qp.b = values(&self.b, qp.b.len(), i);
-            qp.stages = values(&self.stages, qp.stages.len(), i);
-            qp
-        };
-        (0..self.times_s.len()).map(qp).collect()
+    pub fn qps(&self) -> &[StageQp] {
+        &self.qps
     }
 
     /// Returns the file's bytes.
@@ -119,11 +105,17 @@ impl QpRecording {
             let rows = ArrayView2::from_shape((count, values.len() / count), values)?;
             npz.add_array(name, &rows)?;
         }
-        if !self.stages.is_empty() {
-            let terms = self.stages.iter().flat_map(StageTerms::to_array).collect();
-            let size = first.stages.len() * StageTerms::COUNT;
-            npz.add_array("stages", &Array2::from_shape_vec((count, size), terms)?)?;
+        let numbers: Vec<_> = self.qps.iter().map(StageQp::to_numbers).collect();
+        for (i, name) in ["stages", "rows"].into_iter().enumerate() {
+            let values: Vec<f64> = numbers
+                .iter()
+                .flat_map(|own| own[i].iter().copied())
+                .collect();
+            let width = values.len() / count;
+            npz.add_array(name, &Array2::from_shape_vec((count, width), values)?)?;
         }
+        let input_rows = self.qps.first().map_or(0, StageQp::input_rows);
+        npz.add_array("input_rows", &arr0(input_rows as i64))?;
         for (name, values) in [("time_s", &self.times_s), ("solve_us", &self.solve_us)] {
             npz.add_array(name, &ArrayView::<_, Ix1>::from(values))?;
         }
@@ -135,71 +127,32 @@ impl QpRecording {
 ///
 /// # Errors
 /// Names the file that cannot be read or has inconsistent arrays.
-pub fn read(path: &Path) -> Result<Vec<QpData>> {
+pub fn read(path: &Path) -> Result<Vec<StageQp>> {
     read_arrays(path).with_context(|| format!("{}: not a recording of QPs", path.display()))
 }
 
-fn read_arrays(path: &Path) -> Result<Vec<QpData>> {
+fn read_arrays(path: &Path) -> Result<Vec<StageQp>> {
     let mut npz = NpzReader::new(File::open(path)?)?;
-    let mut indices = |name: &str| -> Result<Vec<usize>> {
-        let stored: Array1<i64> = npz.by_name(name).with_context(|| name.to_owned())?;
-        let whole = stored
-            .iter()
-            .map(|&i| usize::try_from(i))
-            .collect::<Result<_, _>>();
-        whole.with_context(|| name.to_owned())
-    };
-    let (p_starts, p_rows) = (indices("P_indptr")?, indices("P_indices")?);
-    let (a_starts, a_rows) = (indices("A_indptr")?, indices("A_indices")?);
-    let stored: Array0<i64> = npz.by_name("equalities")?;
-    let equalities = usize::try_from(stored.into_scalar()).context("equalities")?;
-    let mut rows =
+    let stored: Array0<i64> = npz
+        .by_name("input_rows")
+        .context("input_rows: missing; an older version wrote the file, record it anew")?;
+    let input_rows = usize::try_from(stored.into_scalar()).context("input_rows")?;
+    let mut numbers =
         |name: &str| -> Result<Array2<f64>> { npz.by_name(name).with_context(|| name.to_owned()) };
-    let (p, q, a, b) = (rows("P_data")?, rows("q")?, rows("A_data")?, rows("b")?);
-    // Not of QPs with other limits than bounds and changes.
-    let stages = rows("stages").unwrap_or_else(|_| Array2::zeros((q.nrows(), 0)));
-    let (variables, constraints) = (q.ncols(), b.ncols());
+    let (stages, rows) = (numbers("stages")?, numbers("rows")?);
     ensure!(
-        [p.nrows(), a.nrows(), b.nrows(), stages.nrows()] == [q.nrows(); 4]
-            && equalities <= constraints,
-        "the arrays differ in length"
+        stages.nrows() == rows.nrows(),
+        "stages and rows are of {} and {} QPs",
+        stages.nrows(),
+        rows.nrows()
     );
-    ensure!(
-        stages.ncols().is_multiple_of(StageTerms::COUNT),
-        "stages: {} numbers a QP are no multiple of {}: an older version wrote the file, record it anew",
-        stages.ncols(),
-        StageTerms::COUNT
-    );
-    let columns = |rows: usize, starts: &[usize], indices: &[usize], values: &Array2<f64>| {
-        let ends = starts.first() == Some(&0) && starts.last() == Some(&indices.len());
-        ends && starts.len() == variables + 1
-            && starts.is_sorted()
-            && indices.iter().all(|&row| row < rows)
-            && values.ncols() == indices.len()
-    };
-    ensure!(
-        columns(variables, &p_starts, &p_rows, &p),
-        "P is no matrix of the size of q"
-    );
-    ensure!(
-        columns(constraints, &a_starts, &a_rows, &a),
-        "A is no matrix of the size of b and q"
-    );
-    let matrix = |rows, starts: &Vec<usize>, indices: &Vec<usize>, values: Vec<f64>| {
-        CscMatrix::new(rows, variables, starts.clone(), indices.clone(), values)
-    };
-    let qps = (0..q.nrows()).map(|i| QpData {
-        p: matrix(variables, &p_starts, &p_rows, p.row(i).to_vec()),
-        q: q.row(i).to_vec(),
-        a: matrix(constraints, &a_starts, &a_rows, a.row(i).to_vec()),
-        b: b.row(i).to_vec(),
-        equalities,
-        stages: stages
-            .row(i)
-            .to_vec()
-            .chunks(StageTerms::COUNT)
-            .map(StageTerms::from_numbers)
-            .collect(),
-    });
-    Ok(qps.collect())
+    let qps = stages
+        .rows()
+        .into_iter()
+        .zip(rows.rows())
+        .map(|(terms, rows)| {
+            StageQp::from_numbers(&terms.to_vec(), &rows.to_vec(), input_rows)
+                .context("stages and rows are no numbers of the same stages")
+        });
+    qps.collect()
 }

@@ -79,9 +79,6 @@ pub struct ControllerConfig {
     pub stages: usize,
     /// Duration of the first stage.
     pub step_s: f64,
-    /// Stages condensed into one block of the QP.
-    #[serde(skip)]
-    pub block_stages: usize,
     /// Speed within which |traction| and the turning direction are rounded off, m/s.
     #[serde(skip)]
     pub smoothing_m_s: f64,
@@ -127,7 +124,6 @@ impl Default for ControllerConfig {
             period_s: 0.05,
             stages: 40,
             step_s: 0.15,
-            block_stages: 5,
             smoothing_m_s: 0.02,
             command_delay_s: 0.0,
             motor_lag_s: 0.0,
@@ -191,7 +187,6 @@ impl ControllerConfig {
             stages: self.stages,
             step_s: self.step_s,
             period_s: self.period_s,
-            block_stages: self.block_stages,
             heading_excess: HeadingExcess::default(),
             cross_per_m2: self.weights.cross_per_m2,
             limits: self.limits,

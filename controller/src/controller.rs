@@ -275,7 +275,7 @@ impl Controller {
             (Phase::Driving { .. }, Some(estimate), Some(progress)) => {
                 self.look_ahead(estimate, progress, elapsed_s, sample);
                 Some(match &mut self.law {
-                    Law::Mpc(mpc) => mpc.linearise(&self.horizon).condense().solve(deadline),
+                    Law::Mpc(mpc) => mpc.linearise(&self.horizon).assemble().solve(deadline),
                     Law::PurePursuit => Ok(self.pursue(estimate, progress)),
                 })
             }

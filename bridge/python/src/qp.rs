@@ -2,7 +2,7 @@
 
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
-use sidehill_controller::mpc::{CscMatrix, Mpc, Point, QpData};
+use sidehill_controller::mpc::{CscMatrix, Mpc, SolvedQp};
 
 /// The quadratic programme that an MPC solved in a control cycle, with its solution.
 ///
@@ -10,8 +10,7 @@ use sidehill_controller::mpc::{CscMatrix, Mpc, Point, QpData};
 /// not negative.
 #[pyclass(frozen, module = "sidehill")]
 pub struct Qp {
-    data: QpData,
-    point: Point,
+    solved: SolvedQp,
     /// Values of A and B of the stages, row by row.
     linearised: [Vec<f64>; 2],
     stages: usize,
@@ -20,7 +19,6 @@ pub struct Qp {
 impl Qp {
     /// Returns the QP that `mpc` solved last.
     pub fn of(mpc: &Mpc) -> Self {
-        let (data, point) = mpc.qp();
         let mut linearised = [Vec::new(), Vec::new()];
         for step in mpc.linearised_stages() {
             let (yaw, traction, steer) = (step.by_yaw, step.by_traction, step.by_steer);
@@ -29,8 +27,7 @@ impl Qp {
             b.extend((0..3).flat_map(|i| [traction[i], steer[i]]));
         }
         Self {
-            data: data.clone(),
-            point: point.clone(),
+            solved: mpc.qp_solver().solved(),
             stages: mpc.linearised_stages().len(),
             linearised,
         }
@@ -62,46 +59,46 @@ impl Qp {
     /// P, symmetric: array of shape (n, n).
     #[getter]
     fn P<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        dense(py, &self.data.p, true)
+        dense(py, &self.solved.data.p, true)
     }
 
     /// q: array of shape (n,).
     #[getter]
     fn q<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, &self.data.q)
+        PyArray1::from_slice(py, &self.solved.data.q)
     }
 
     /// A: array of shape (m, n), equalities first.
     #[getter]
     fn A<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        dense(py, &self.data.a, false)
+        dense(py, &self.solved.data.a, false)
     }
 
     /// l: array of shape (m,), -inf where only u bounds.
     #[getter]
     fn l<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        let mut low = vec![f64::NEG_INFINITY; self.data.b.len()];
-        let equalities = self.data.equalities;
-        low[..equalities].copy_from_slice(&self.data.b[..equalities]);
+        let mut low = vec![f64::NEG_INFINITY; self.solved.data.b.len()];
+        let equalities = self.solved.data.equalities;
+        low[..equalities].copy_from_slice(&self.solved.data.b[..equalities]);
         PyArray1::from_vec(py, low)
     }
 
     /// u: array of shape (m,).
     #[getter]
     fn u<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, &self.data.b)
+        PyArray1::from_slice(py, &self.solved.data.b)
     }
 
     /// The solution: array of shape (n,).
     #[getter]
     fn x<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, &self.point.primal)
+        PyArray1::from_slice(py, &self.solved.primal)
     }
 
     /// Multipliers of the rows of A at the solution: array of shape (m,).
     #[getter]
     fn y<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, &self.point.dual)
+        PyArray1::from_slice(py, &self.solved.dual)
     }
 
     /// A of each stage, d(x, y, yaw)+ / d(x, y, yaw): array of shape (N, 3, 3).
@@ -126,8 +123,8 @@ impl Qp {
     fn __repr__(&self) -> String {
         format!(
             "<sidehill.Qp of {} variables and {} rows>",
-            self.data.q.len(),
-            self.data.b.len()
+            self.solved.data.q.len(),
+            self.solved.data.b.len()
         )
     }
 }

@@ -29,9 +29,6 @@ use sidehill_plant::speeds::TreadSpeeds;
 /// Steer at which the model's errors count as much as they do straight ahead, m/s.
 const STEER_M_S: f64 = 0.2;
 
-/// How far of the plan counts for how it answers corrections, s. What comes later changes the bound by less than a tenth.
-const FEEDBACK_S: f64 = 1.75 * AHEAD_S;
-
 impl Controller {
     /// Returns where the vehicle will be by the plan of this cycle; none at standstill, on a turn on the spot, and of a law or a horizon
     /// that does not plan so far.
@@ -51,7 +48,7 @@ impl Controller {
         };
         // Dead reckoning is certain of a vehicle that stands: G is not that of the plan, which drives away.
         let stands = estimate.treads == TreadSpeeds::default();
-        if stands || reference.driven_path().is_none() || !mpc.find_feedback(FEEDBACK_S) {
+        if stands || reference.driven_path().is_none() || !mpc.find_feedback() {
             return None;
         }
         let (mpc, targets) = (&*mpc, &self.horizon.targets);

@@ -1,120 +1,15 @@
-//! The only file that uses clarabel: its interior-point method for a whole QP, and its KKT system for
-//! a QP with equalities alone.
+//! The only file that uses clarabel: its interior-point method.
 
-use crate::clock::Instant;
 pub use clarabel::algebra::CscMatrix;
 
 use super::failure::QpFailure;
-use super::problem::{Point, QpData};
 use super::settings::{ITERATIONS_MAX, QpMode, QpSettings};
-use clarabel::solver::traits::KKTSystem;
+use super::solve_limits::SolveLimits;
+use super::sparse::QpData;
 use clarabel::solver::{
     DefaultInfo, DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT,
 };
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
-use std::time::Duration;
-
-/// Static regularisation of a [`LinearSystem`]. Clarabel's 1e-8 suits the ill-conditioned systems at
-/// the end of an interior-point solve; here it would cost a refinement step in each cycle.
-const REGULARISATION: f64 = 1e-11;
-
-/// Deadline and iteration limit of a solve.
-#[derive(Debug)]
-pub struct SolveLimits {
-    epoch: Instant,
-    /// Nanoseconds after `epoch`.
-    deadline_ns: AtomicU64,
-    iterations: AtomicU32,
-    /// Looks at the deadline since [`SolveLimits::begin_cycle`].
-    looks: AtomicU32,
-    /// The look that ends the solves, instead of the clock; `NEVER` for none.
-    cut_at: AtomicU32,
-    /// The first look that ended a solve; `NEVER` for none.
-    was_cut_at: AtomicU32,
-}
-
-/// No look at the deadline.
-const NEVER: u32 = u32::MAX;
-
-impl Clone for SolveLimits {
-    fn clone(&self) -> Self {
-        let copy = |count: &AtomicU32| AtomicU32::new(count.load(Ordering::Relaxed));
-        Self {
-            epoch: self.epoch,
-            deadline_ns: AtomicU64::new(self.deadline_ns.load(Ordering::Relaxed)),
-            iterations: copy(&self.iterations),
-            looks: copy(&self.looks),
-            cut_at: copy(&self.cut_at),
-            was_cut_at: copy(&self.was_cut_at),
-        }
-    }
-}
-
-impl SolveLimits {
-    /// Returns limits without a deadline.
-    pub fn new(iterations: u32) -> Self {
-        Self {
-            epoch: Instant::now(),
-            deadline_ns: AtomicU64::new(u64::MAX),
-            iterations: AtomicU32::new(iterations),
-            looks: AtomicU32::new(0),
-            cut_at: AtomicU32::new(NEVER),
-            was_cut_at: AtomicU32::new(NEVER),
-        }
-    }
-
-    /// Begins a cycle, whose solves look at the deadline in turn. With `cut_at` the look of that number
-    /// ends them and no clock does, so that a recorded cycle is solved again exactly.
-    pub fn begin_cycle(&self, cut_at: Option<u32>) {
-        self.looks.store(0, Ordering::Relaxed);
-        self.cut_at
-            .store(cut_at.unwrap_or(NEVER), Ordering::Relaxed);
-        self.was_cut_at.store(NEVER, Ordering::Relaxed);
-    }
-
-    /// Returns the look at the deadline that ended a solve of this cycle, counted from 0; none where
-    /// none did.
-    pub fn was_cut_at(&self) -> Option<u32> {
-        Some(self.was_cut_at.load(Ordering::Relaxed)).filter(|look| *look != NEVER)
-    }
-
-    /// Sets when the solves to come end.
-    pub fn set_deadline(&self, deadline: Option<Instant>) {
-        let after = |instant: Instant| instant.saturating_duration_since(self.epoch).as_nanos();
-        let limit = deadline.map_or(u64::MAX, |instant| {
-            u64::try_from(after(instant)).unwrap_or(u64::MAX)
-        });
-        self.deadline_ns.store(limit, Ordering::Relaxed);
-    }
-
-    /// Sets the largest number of interior-point iterations of the solves to come.
-    #[cfg(test)]
-    pub fn set_iterations(&self, iterations: u32) {
-        self.iterations.store(iterations, Ordering::Relaxed);
-    }
-
-    /// Returns the largest number of interior-point iterations.
-    pub fn iterations(&self) -> u32 {
-        self.iterations.load(Ordering::Relaxed)
-    }
-
-    /// Returns whether the deadline is over.
-    pub fn passed(&self) -> bool {
-        let look = self.looks.fetch_add(1, Ordering::Relaxed);
-        let cut_at = self.cut_at.load(Ordering::Relaxed);
-        let passed = if cut_at == NEVER {
-            let deadline = Duration::from_nanos(self.deadline_ns.load(Ordering::Relaxed));
-            self.epoch.elapsed() >= deadline
-        } else {
-            look >= cut_at
-        };
-        if passed {
-            self.was_cut_at.fetch_min(look, Ordering::Relaxed);
-        }
-        passed
-    }
-}
 
 /// How an interior-point solve ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -194,19 +89,14 @@ impl InteriorPoint {
             .map_err(|_| QpFailure::Rejected)
     }
 
-    /// Solves the QP of the last update from nothing, copies the point it ends in to `point`, and returns how and
-    /// after how many iterations it ended.
-    pub fn solve(&mut self, point: &mut Point) -> (SolveEnding, u32) {
+    /// Solves the QP of the last update from nothing; returns how and after how many iterations it ended.
+    pub fn solve(&mut self) -> (SolveEnding, u32) {
         let Some(solver) = &mut self.solver else {
             return (SolveEnding::Broken, 0);
         };
         solver.solve();
         let iterations = solver.info.iterations;
-        let found = &solver.solution;
-        point.primal.copy_from_slice(&found.x);
-        point.dual.copy_from_slice(&found.z);
-        point.slack.copy_from_slice(&found.s);
-        let ending = match found.status {
+        let ending = match solver.solution.status {
             SolverStatus::Solved | SolverStatus::AlmostSolved => SolveEnding::Solved,
             SolverStatus::MaxIterations | SolverStatus::InsufficientProgress => {
                 SolveEnding::Iterations
@@ -223,97 +113,12 @@ impl InteriorPoint {
         };
         (ending, iterations)
     }
-}
 
-/// The linear system of a QP that has equalities alone,
-///
-/// ```text
-/// [ P  E' ] [ x ]   [ -q ]
-/// [ E  0  ] [ y ] = [  e ]
-/// ```
-///
-/// factorised once for any number of right-hand sides.
-///
-/// Clarabel regularises the diagonal: a solution is to be refined by its residuals.
-pub struct LinearSystem {
-    /// None in a copy until it is needed.
-    solver: Option<DefaultSolver<f64>>,
-    settings: DefaultSettings<f64>,
-    /// A problem of the system's pattern.
-    pattern: QpData,
-}
-
-impl Clone for LinearSystem {
-    /// Returns a system that finds the same once it is factorised again.
-    fn clone(&self) -> Self {
-        Self {
-            solver: None,
-            settings: self.settings.clone(),
-            pattern: self.pattern.clone(),
-        }
-    }
-}
-
-impl LinearSystem {
-    /// Returns the system of problems with the pattern of `data`, which has no inequalities.
-    ///
-    /// # Errors
-    /// [`QpFailure::Rejected`] when clarabel does not take the data.
-    pub fn new(data: &QpData) -> Result<Self, QpFailure> {
-        let mut settings = clarabel_settings(&QpSettings::default());
-        settings.static_regularization_constant = REGULARISATION;
-        Ok(Self {
-            solver: Some(build(data, settings.clone())?),
-            settings,
-            pattern: data.clone(),
+    /// Returns variables and multipliers of the point in which the last solve ended.
+    pub fn point(&self) -> (&[f64], &[f64]) {
+        self.solver.as_ref().map_or((&[], &[]), |solver| {
+            (&solver.solution.x, &solver.solution.z)
         })
-    }
-
-    /// Factorises the system of the values of P and of the equalities' rows of A; returns whether that
-    /// went well.
-    ///
-    /// # Errors
-    /// [`QpFailure::Rejected`] for values of another number.
-    pub fn factorise(&mut self, p: &Vec<f64>, equalities: &Vec<f64>) -> Result<bool, QpFailure> {
-        let solver = match &mut self.solver {
-            Some(solver) => solver,
-            None => self
-                .solver
-                .insert(build(&self.pattern, self.settings.clone())?),
-        };
-        solver
-            .update_P(p)
-            .and_then(|()| solver.update_A(equalities))
-            .map_err(|_| QpFailure::Rejected)?;
-        let data = &solver.data;
-        Ok(solver.kktsystem.update(data, &solver.cones, &self.settings))
-    }
-
-    /// Solves the system for q and e; returns whether the solution is finite.
-    pub fn solve(&mut self, q: &[f64], e: &[f64]) -> bool {
-        let Some(solver) = &mut self.solver else {
-            return false;
-        };
-        solver.data.q.copy_from_slice(q);
-        solver.data.b.copy_from_slice(e);
-        let (x, data) = (&mut solver.variables, &solver.data);
-        solver
-            .kktsystem
-            .solve_initial_point(x, data, &self.settings)
-    }
-
-    /// Returns x of the last solution.
-    pub fn primal(&self) -> &[f64] {
-        self.solver
-            .as_ref()
-            .map_or(&[], |solver| &solver.variables.x)
-    }
-
-    /// Returns y of the last solution.
-    pub fn multipliers(&self) -> &[f64] {
-        self.solver
-            .as_ref()
-            .map_or(&[], |solver| &solver.variables.z)
     }
 }
 

@@ -239,8 +239,15 @@ pub(super) fn values(
     [state.x, state.y, state.z - turns_rad, traction, steer]
 }
 
+/// Returns the size of a row: its largest coefficient.
+pub(super) fn row_size(row: &ExtraRow) -> f64 {
+    row.by
+        .iter()
+        .fold(f64::MIN_POSITIVE, |m, by| m.max(by.abs()))
+}
+
 /// Returns the product of two vectors.
-pub(super) fn dot(a: &[f64; EXTRA_SIZE], b: &[f64; EXTRA_SIZE]) -> f64 {
+fn dot(a: &[f64; EXTRA_SIZE], b: &[f64; EXTRA_SIZE]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 

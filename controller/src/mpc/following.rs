@@ -1,8 +1,9 @@
 //! The plan moved to a QP's solution, as far as the model itself confirms it.
 
-use super::condensing::CostWeights;
+use super::extra::row_size;
+use super::stage::CostWeights;
 use super::step_limit::{HALVINGS, StepCosts, StepLimit};
-use super::{Horizon, Mpc, Plan, StageTarget};
+use super::{COST_SCALE, Horizon, Mpc, Plan, StageTarget};
 use nalgebra::Vector3;
 use sidehill_plant::contact::BodyState;
 use sidehill_plant::speeds::MotorSpeeds;
@@ -11,8 +12,16 @@ impl Mpc {
     /// Moves the plan to the QP's solution, or as far as the model confirms it.
     pub(super) fn follow(&mut self, horizon: &Horizon) {
         if let Some(extra) = &mut self.extra {
-            let dual = &self.solver.point().dual;
-            extra.set_price(self.condenser.largest_extra_multiplier(dual));
+            let (qp, multipliers) = (self.solver.qp(), &self.solver.point().multipliers);
+            let mut largest = 0.0_f64;
+            for k in 0..self.stages.len() {
+                let own = &multipliers[qp.extra_rows(k)];
+                for (row, multiplier) in extra.terms.rows(k).iter().zip(own) {
+                    largest = largest.max(multiplier.abs() / row_size(row));
+                }
+            }
+            // The QP's cost is half of the plan's, times the scale.
+            extra.set_price(2.0 / COST_SCALE * largest);
         }
         let before = self.cost_of(&self.plan, horizon);
         let cost = self.apply_within(self.settings.step_limit, before, horizon);
@@ -23,27 +32,25 @@ impl Mpc {
     /// these inputs from the vehicle's place.
     fn apply(&mut self, share: f64) {
         let mut deviation = Vector3::zeros();
-        let corrections = self.condenser.input_corrections(self.solver.primal());
-        for ((k, stage), correction) in self.stages.iter().enumerate().zip(corrections) {
+        let corrections = &self.solver.point().path.inputs;
+        for ((k, stage), [traction_m_s, steer_m_s]) in
+            self.stages.iter().enumerate().zip(corrections)
+        {
             let step = &stage.step;
             deviation += step.by_yaw * deviation.z
-                + share
-                    * (step.by_traction * correction.traction_m_s
-                        + step.by_steer * correction.steer_m_s);
+                + share * (step.by_traction * *traction_m_s + step.by_steer * *steer_m_s);
             self.plan.states[k + 1] += deviation;
             self.plan.inputs[k] = MotorSpeeds {
-                traction_m_s: stage.input.traction_m_s + share * correction.traction_m_s,
-                steer_m_s: stage.input.steer_m_s + share * correction.steer_m_s,
+                traction_m_s: stage.input.traction_m_s + share * traction_m_s,
+                steer_m_s: stage.input.steer_m_s + share * steer_m_s,
             };
         }
     }
 
     /// Returns the largest correction of planned steer in the QP's solution, m/s.
     fn largest_steer_correction_m_s(&self) -> f64 {
-        self.condenser
-            .input_corrections(self.solver.primal())
-            .map(|correction| correction.steer_m_s.abs())
-            .fold(0.0, f64::max)
+        let corrections = self.solver.point().path.inputs.iter();
+        corrections.fold(0.0, |m, [_, steer_m_s]| m.max(steer_m_s.abs()))
     }
 
     /// Moves the plan as far as the linearisation is accurate, see [`step_limit`](super::step_limit). The plan's states

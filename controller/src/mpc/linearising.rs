@@ -1,6 +1,6 @@
 //! The plan of the cycle before, moved on, and the stages linearised about it.
 
-use super::condensing::{CostWeights, Stage};
+use super::stage::{CostWeights, Stage};
 use super::{ChangeWeights, Horizon, Mpc, StageTarget, vector};
 use nalgebra::{Vector2, Vector3};
 use sidehill_plant::frames::wrap_angle;

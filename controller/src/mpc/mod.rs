@@ -1,57 +1,56 @@
 //! The model-predictive controller: a model linearised about the previous plan, one QP a cycle.
 //!
 //! ```text
-//! mpc.linearise(&horizon).condense().solve(deadline)
-//!     Horizon -> Linearised -> CondensedQp -> Solution
+//! mpc.linearise(&horizon).assemble().solve(deadline)
+//!     Horizon -> LinearisedHorizon -> AssembledQp -> Solution
 //! ```
 
-mod active_limits;
+mod active_set;
+mod assembling;
 mod clarabel_qp;
-mod condensing;
 mod extra;
 mod failure;
 mod first_plan;
 mod following;
-mod limit_search;
 pub mod limits;
 mod linearising;
 mod model;
-mod penalised;
-mod problem;
 mod qp;
 mod recursion;
-mod rows;
+mod residuals;
 mod settings;
-mod stage_terms;
+mod solve_limits;
+mod sparse;
+mod stage;
+mod stage_qp;
 mod stage_times;
 mod step_limit;
-mod structure;
-mod working_set;
 
-pub use condensing::StageWeights;
+pub use clarabel_qp::CscMatrix;
 pub use extra::{EXTRA_ROWS_MAX, EXTRA_SIZE, ExtraCost, ExtraError, ExtraRow, ExtraTerms};
 pub use failure::QpFailure;
 pub use model::Model;
 pub(crate) use model::StepStart;
-pub use problem::{CscMatrix, Point, QpData, Residuals};
 pub use qp::{QpSolver, SolvePath};
+pub use residuals::Residuals;
 pub use settings::{ChangeWeights, HeadingExcess, MpcSettings, QpMode, QpSettings};
-pub use stage_terms::StageTerms;
+pub use sparse::{QpData, SolvedQp};
+pub use stage::StageWeights;
+pub use stage_qp::StageQp;
 pub use stage_times::StageTimes;
 pub use step_limit::StepLimit;
 
 use crate::clock::Instant;
 use crate::tracked_point::TrackedPoint;
-use condensing::{Condenser, PlannedExtra, Stage};
 use extra::Extra;
 use limits::MotorLimits;
 use nalgebra::Vector3;
-use recursion::PlanFeedback;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::contact::BodyState;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::prediction::LinearisedStep;
 use sidehill_plant::speeds::MotorSpeeds;
+use stage::Stage;
 use step_limit::Damping;
 
 /// Factor on all costs: brings the QP's numbers near 1, where the solver's tolerances are meant.
@@ -187,8 +186,8 @@ pub struct LinearisedHorizon<'a> {
     horizon: &'a Horizon,
 }
 
-/// A linearised horizon condensed into the data of its QP.
-pub struct CondensedQp<'a> {
+/// A linearised horizon as a QP.
+pub struct AssembledQp<'a> {
     mpc: &'a mut Mpc,
     horizon: &'a Horizon,
 }
@@ -235,9 +234,7 @@ pub struct Mpc {
     stages: Vec<Stage>,
     /// Where the model's searches of the stages' steps begin.
     starts: Vec<StepStart>,
-    condenser: Condenser,
     solver: QpSolver,
-    feedback: PlanFeedback,
     extra: Option<Box<Extra>>,
 }
 
@@ -247,14 +244,7 @@ impl Mpc {
     /// # Errors
     /// [`QpFailure`] where the solver does not take the problem.
     pub fn new(settings: MpcSettings, model: impl Into<Model>) -> Result<Self, QpFailure> {
-        let (condenser, data) = Condenser::new(
-            settings.stages,
-            settings.block_stages,
-            settings.limits,
-            None,
-            COST_SCALE,
-        );
-        let solver = QpSolver::new(data, settings.qp)?;
+        let solver = Self::solver(&settings, 0)?;
         let plan = Plan {
             states: vec![Vector3::zeros(); settings.stages + 1],
             inputs: vec![MotorSpeeds::STOP; settings.stages],
@@ -269,15 +259,20 @@ impl Mpc {
             damping: Damping::default(),
             stages: Vec::new(),
             starts: vec![StepStart::default(); settings.stages],
-            condenser,
             solver,
-            feedback: PlanFeedback::new(settings.stages),
             extra: None,
             model: model.into(),
             settings,
         };
         mpc.stages.reserve_exact(mpc.settings.stages);
         Ok(mpc)
+    }
+
+    /// Returns the solver of QPs with so many extra rows a stage.
+    fn solver(settings: &MpcSettings, extra_rows: usize) -> Result<QpSolver, QpFailure> {
+        let tread_rows = !settings.limits.treads_follow_from_motors();
+        let qp = StageQp::new(settings.stages, tread_rows, extra_rows);
+        QpSolver::new(qp, settings.qp)
     }
 
     /// Returns the plan in force; none before the first solution, and after
@@ -298,9 +293,8 @@ impl Mpc {
 
     /// Sets the limits of the motors as they are known now, at most those of the settings.
     pub fn set_motor_limits(&mut self, traction: MotorLimits, steer: MotorLimits) {
-        for limits in [&mut self.settings.limits, self.condenser.limits_mut()] {
-            (limits.traction, limits.steer) = (traction, steer);
-        }
+        let limits = &mut self.settings.limits;
+        (limits.traction, limits.steer) = (traction, steer);
     }
 
     /// Adds terms to the QPs from the next cycle on, in place of those added before, or removes these. Allocates, so
@@ -318,12 +312,10 @@ impl Mpc {
         {
             return Err(ExtraError::Stages { found, needed });
         }
-        let rows_of = |terms: Option<&ExtraTerms>| terms.map(ExtraTerms::rows_per_stage);
-        let rows = rows_of(terms.as_ref());
-        if rows != rows_of(self.extra.as_ref().map(|extra| &extra.terms)) {
-            let (condenser, data) = self.condenser.with_extra_rows(rows);
-            self.solver = QpSolver::new(data, self.settings.qp)?;
-            self.condenser = condenser;
+        let rows = |terms: Option<&ExtraTerms>| terms.map_or(0, ExtraTerms::rows_per_stage);
+        let needed = rows(terms.as_ref());
+        if needed != rows(self.extra.as_ref().map(|extra| &extra.terms)) {
+            self.solver = Self::solver(&self.settings, needed)?;
         }
         self.extra = terms.map(|terms| Box::new(Extra::new(terms)));
         // The plan's cost was that of other terms.
@@ -336,9 +328,9 @@ impl Mpc {
         self.planned = false;
     }
 
-    /// Returns the QP of the last cycle and the point that its solver ended with.
-    pub fn qp(&self) -> (&QpData, &Point) {
-        (self.solver.data(), self.solver.point())
+    /// Returns the solver, with the QP of the last cycle and the point that it ended with.
+    pub fn qp_solver(&self) -> &QpSolver {
+        &self.solver
     }
 
     /// Returns the number of stages N.
@@ -368,18 +360,19 @@ impl Mpc {
         LinearisedHorizon { mpc: self, horizon }
     }
 
-    fn condense(&mut self, horizon: &Horizon) {
-        let previous = self.settings.limits.within_bounds(horizon.previous);
-        let extra = self.extra.as_ref().map(|extra| PlannedExtra {
-            terms: &extra.terms,
-            states: &self.plan.states,
-            inputs: &self.plan.inputs,
-        });
-        self.condenser
-            .assemble(&self.stages, previous, extra, self.solver.data_mut());
+    fn assemble(&mut self, horizon: &Horizon) {
+        let limits = &self.settings.limits;
+        assembling::assemble(
+            self.solver.qp_mut(),
+            &self.stages,
+            &self.plan,
+            limits.within_bounds(horizon.previous),
+            limits,
+            self.extra.as_ref().map(|extra| &extra.terms),
+        );
     }
 
-    /// Solves the condensed QP and moves the plan to its solution; a failure leaves the plan as it
+    /// Solves the QP and moves the plan to its solution; a failure leaves the plan as it
     /// was before it was linearised about. A solve that is cut short ends with a point that meets all
     /// limits, where one is found that is better than to change nothing.
     fn solve(
@@ -396,9 +389,10 @@ impl Mpc {
                 if extra.is_some_and(|extra| extra.terms.rows_per_stage() > 0) {
                     return Err(failure);
                 }
-                let (condenser, stages) = (&self.condenser, &self.stages);
-                self.solver.salvage(failure, |data, primal| {
-                    condenser.make_feasible(stages, data, primal);
+                let (stages, limits) = (&self.stages, &self.settings.limits);
+                let previous = limits.within_bounds(horizon.previous);
+                self.solver.salvage(failure, |corrections| {
+                    assembling::make_feasible(corrections, stages, previous, limits);
                 })
             })
             .inspect_err(|_| {
@@ -417,28 +411,15 @@ impl Mpc {
         Ok(report)
     }
 
-    /// Finds how the plan of the last cycle, as far as `until_s`, answers a change of its start, for [`Mpc::answer`];
-    /// returns whether it does.
-    pub(crate) fn find_feedback(&mut self, until_s: f64) -> bool {
-        let counted =
-            (0..self.stages.len()).take_while(|&k| k == 0 || self.times.end_s(k - 1) < until_s);
-        let terms = self.stages[..counted.count()]
-            .iter()
-            .enumerate()
-            .map(|(k, stage)| {
-                let extra = self.extra.as_ref().map(|extra| {
-                    let weight = extra.terms.weight(k);
-                    weight.map(|line| line.map(|entry| COST_SCALE * entry))
-                });
-                (stage.terms([0.0; 2], COST_SCALE), extra)
-            });
-        self.feedback.find(terms).is_some()
+    /// Finds how the plan of the last cycle answers a change of its start, for [`Mpc::answer`]; returns whether it does.
+    pub(crate) fn find_feedback(&mut self) -> bool {
+        self.solver.find_feedback()
     }
 
     /// Returns by how much (x, y, yaw) at the stages' ends changes where the plan's start changes by `start`, m and rad, and
     /// the plan is optimal from there, limits aside.
     pub(crate) fn answer(&self, start: Vector3<f64>) -> impl Iterator<Item = Vector3<f64>> {
-        self.feedback.answer(start.into()).map(Vector3::from)
+        self.solver.answer(start.into()).map(Vector3::from)
     }
 
     /// Begins a cycle. With `cut_at` the look of that number at the deadline, counted from 0, ends its
@@ -454,17 +435,17 @@ impl Mpc {
 }
 
 impl<'a> LinearisedHorizon<'a> {
-    /// Condenses the stages into the QP's data. Allocates nothing.
-    pub fn condense(self) -> CondensedQp<'a> {
-        self.mpc.condense(self.horizon);
-        CondensedQp {
+    /// Writes the QP of the stages. Allocates nothing.
+    pub fn assemble(self) -> AssembledQp<'a> {
+        self.mpc.assemble(self.horizon);
+        AssembledQp {
             mpc: self.mpc,
             horizon: self.horizon,
         }
     }
 }
 
-impl CondensedQp<'_> {
+impl AssembledQp<'_> {
     /// Solves the QP, moves the plan to its solution and returns its first input; `deadline` ends the
     /// solve. Allocates nothing but what the solver does.
     ///

@@ -1,13 +1,16 @@
-//! A convex QP of fixed sparsity that is solved once per cycle.
+//! The QP of a horizon, solved once per cycle.
 //!
-//! The active rows are mostly those of the cycle before, so the solver starts from them ([`WorkingSet`]). Only
+//! The active rows are mostly those of the cycle before, so the solver starts from them ([`ActiveSet`]). Only
 //! where that fails does it call the interior-point method, which cannot be warm-started.
 
-use super::clarabel_qp::{InteriorPoint, SolveEnding, SolveLimits};
+use super::active_set::ActiveSet;
+use super::clarabel_qp::{InteriorPoint, SolveEnding};
 use super::failure::QpFailure;
-use super::problem::{Point, QpData, Residuals};
+use super::residuals::Residuals;
 use super::settings::{QpMode, QpSettings};
-use super::working_set::WorkingSet;
+use super::solve_limits::SolveLimits;
+use super::sparse::{SolvedQp, Sparse};
+use super::stage_qp::{MOTORS, Path, Point, STATES, StageQp, VARIABLES, Work};
 use crate::clock::Instant;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -27,15 +30,22 @@ pub enum SolvePath {
     CutShort,
 }
 
-/// A solver and the data of its problem.
+/// Share of the solver's tolerance within which an active set's solution is accepted.
+const SHARPER: f64 = 0.1;
+
+/// A solver and its problem.
 pub struct QpSolver {
-    data: QpData,
+    qp: StageQp,
     settings: QpSettings,
-    working_set: WorkingSet,
+    active_set: ActiveSet,
+    sparse: Sparse,
     interior_point: InteriorPoint,
     limits: Arc<SolveLimits>,
     point: Point,
-    work: Point,
+    /// Between which points a solve that was cut short looks for a better one.
+    from: Path,
+    to: Path,
+    work: Work,
     path: SolvePath,
     iterations: u32,
     rebuilds: u32,
@@ -45,12 +55,15 @@ impl Clone for QpSolver {
     fn clone(&self) -> Self {
         let limits = Arc::new(SolveLimits::clone(&self.limits));
         Self {
-            data: self.data.clone(),
+            qp: self.qp.clone(),
             settings: self.settings,
-            working_set: self.working_set.clone(),
+            active_set: self.active_set.clone(),
+            sparse: self.sparse.clone(),
             interior_point: self.interior_point.copy_within(&limits),
             limits,
             point: self.point.clone(),
+            from: self.from.clone(),
+            to: self.to.clone(),
             work: self.work.clone(),
             path: self.path,
             iterations: self.iterations,
@@ -60,18 +73,23 @@ impl Clone for QpSolver {
 }
 
 impl QpSolver {
-    /// Returns a solver for problems with the pattern of `data`.
+    /// Returns a solver for problems with the stages and rows of `qp`.
     ///
     /// # Errors
     /// [`QpFailure::Rejected`] when clarabel does not accept the data.
-    pub fn new(data: QpData, settings: QpSettings) -> Result<Self, QpFailure> {
+    pub fn new(qp: StageQp, settings: QpSettings) -> Result<Self, QpFailure> {
         let limits = Arc::new(SolveLimits::new(settings.max_iterations));
+        let sparse = Sparse::new(&qp);
+        let point = qp.zeros();
         Ok(Self {
-            working_set: WorkingSet::new(&data)?,
-            interior_point: InteriorPoint::new(&data, &settings, &limits)?,
-            point: Point::zeros(&data),
-            work: Point::zeros(&data),
-            data,
+            active_set: ActiveSet::new(&qp),
+            interior_point: InteriorPoint::new(&sparse.data, &settings, &limits)?,
+            sparse,
+            from: point.path.clone(),
+            to: point.path.clone(),
+            point,
+            work: qp.work(),
+            qp,
             settings,
             limits,
             path: SolvePath::Relaxed,
@@ -80,18 +98,23 @@ impl QpSolver {
         })
     }
 
-    /// Returns the data for the next solve, to be overwritten in place.
-    pub fn data_mut(&mut self) -> &mut QpData {
-        &mut self.data
+    /// Returns the QP for the next solve, to be overwritten in place.
+    pub fn qp_mut(&mut self) -> &mut StageQp {
+        &mut self.qp
     }
 
-    /// Returns the data of the last solve.
-    pub fn data(&self) -> &QpData {
-        &self.data
+    /// Returns the QP of the last solve.
+    pub fn qp(&self) -> &StageQp {
+        &self.qp
     }
 
-    /// Returns the iterations of the last solve: linear systems factorised to find the active rows,
-    /// plus interior-point iterations.
+    /// Returns the QP of the last solve in compressed columns with the point of the last solve. Allocates.
+    pub fn solved(&self) -> SolvedQp {
+        self.qp.solved(&self.point)
+    }
+
+    /// Returns the iterations of the last solve: sets of active rows whose optimum was found, plus interior-point
+    /// iterations.
     pub fn iterations(&self) -> u32 {
         self.iterations
     }
@@ -112,9 +135,14 @@ impl QpSolver {
         &self.point
     }
 
-    /// Returns the primal point of the last solve.
-    pub fn primal(&self) -> &[f64] {
-        &self.point.primal
+    /// Finds the feedback that the last QP's cost asks for, rows left out, for [`Self::answer`]; returns whether there is one.
+    pub(super) fn find_feedback(&mut self) -> bool {
+        self.active_set.find_feedback(&self.qp)
+    }
+
+    /// Returns by how much the state at the stages' ends changes where that at the first one's begin changes by `start`.
+    pub(super) fn answer(&self, start: [f64; STATES]) -> impl Iterator<Item = [f64; STATES]> {
+        self.active_set.answer(&self.qp, start)
     }
 
     /// Sets the largest number of interior-point iterations of the solves to come, at most
@@ -140,44 +168,50 @@ impl QpSolver {
     /// Every [`QpFailure`]; do not use the point then.
     pub fn solve(&mut self, deadline: Option<Instant>) -> Result<Residuals, QpFailure> {
         self.iterations = 0;
-        if !self.data.is_finite() {
+        if !self.qp.is_finite() {
             return Err(QpFailure::NotFinite);
         }
         self.limits.set_deadline(deadline);
         if self.settings.mode == QpMode::WorkingSet {
-            let found = self.working_set.solve(
-                &self.data,
-                &mut self.point,
-                &mut self.work,
-                self.settings.tolerance,
-                &self.limits,
-            );
-            self.iterations = self.working_set.factorisations();
-            if let Some(residuals) = found? {
-                self.path = if self.working_set.binds() {
-                    SolvePath::WorkingSet
-                } else {
-                    SolvePath::Relaxed
-                };
-                return Ok(residuals);
+            let found = self
+                .active_set
+                .find(&self.qp, &mut self.point, &self.limits);
+            self.iterations = self.active_set.points();
+            let found = found.map_err(|()| QpFailure::Deadline {
+                iterations: self.iterations,
+            })?;
+            if found {
+                let residuals = self.residuals();
+                if residuals.within(SHARPER * self.settings.tolerance) {
+                    self.path = if self.active_set.binds() {
+                        SolvePath::WorkingSet
+                    } else {
+                        SolvePath::Relaxed
+                    };
+                    return Ok(residuals);
+                }
             }
         }
         self.path = SolvePath::InteriorPoint;
         let solved = self.solve_whole();
         if solved.is_ok() {
-            self.working_set.begin_with(&self.point, &self.data);
+            self.active_set.begin_with(&self.qp, &self.point);
         }
         solved
     }
 
     fn solve_whole(&mut self) -> Result<Residuals, QpFailure> {
         let before = self.iterations;
+        self.sparse.write(&self.qp);
         match self.settings.mode {
-            QpMode::WorkingSet | QpMode::InPlace => self.interior_point.update(&self.data)?,
+            QpMode::WorkingSet | QpMode::InPlace => {
+                self.interior_point.update(&self.sparse.data)?;
+            }
             QpMode::FreshDefaults => self.rebuild()?,
         }
-        let (ending, iterations) = self.interior_point.solve(&mut self.point);
+        let (ending, iterations) = self.interior_point.solve();
         self.iterations = before + iterations;
+        self.take_point();
         match ending {
             SolveEnding::Solved => self.check(),
             // The last iterate may be good enough: check its residuals.
@@ -197,8 +231,26 @@ impl QpSolver {
         }
     }
 
+    /// Takes inputs and multipliers from the interior-point method, and the states that follow.
+    fn take_point(&mut self) {
+        let (variables, multipliers) = self.interior_point.point();
+        let stages = variables.chunks_exact(VARIABLES);
+        for (inputs, own) in self.point.path.inputs.iter_mut().zip(stages) {
+            inputs.copy_from_slice(&own[STATES..]);
+        }
+        let sides = multipliers[self.sparse.data.equalities..].chunks_exact(2);
+        let rows = self.qp.rows().iter().zip(&mut self.point.multipliers);
+        for ((row, multiplier), sides) in rows.zip(sides) {
+            // An end that is none leaves the method a small multiplier of nothing.
+            let high = if row.high.is_finite() { sides[0] } else { 0.0 };
+            let low = if row.low.is_finite() { sides[1] } else { 0.0 };
+            *multiplier = high - low;
+        }
+        self.qp.roll(&mut self.point.path);
+    }
+
     fn rebuild(&mut self) -> Result<(), QpFailure> {
-        self.interior_point = InteriorPoint::new(&self.data, &self.settings, &self.limits)?;
+        self.interior_point = InteriorPoint::new(&self.sparse.data, &self.settings, &self.limits)?;
         Ok(())
     }
 
@@ -215,15 +267,15 @@ impl QpSolver {
     }
 
     /// Returns a feasible point from the last iterate of a solve that was cut short. `make_feasible`
-    /// projects the origin and the iterate on the constraints; the cheapest point between the two
-    /// projections is taken.
+    /// moves inputs to some that keep the limits; of those that it makes of no correction and of the iterate, and of the
+    /// inputs between them, the cheapest are taken.
     ///
     /// # Errors
-    /// `failure` itself if there is no iterate, or if no such point is cheaper than the projected origin.
+    /// `failure` itself if there is no iterate, or if no such point is cheaper than the first.
     pub fn salvage(
         &mut self,
         failure: QpFailure,
-        make_feasible: impl Fn(&QpData, &mut [f64]),
+        make_feasible: impl Fn(&mut [[f64; MOTORS]]),
     ) -> Result<Residuals, QpFailure> {
         let (QpFailure::Deadline { .. } | QpFailure::MaxIterations { .. }) = failure else {
             return Err(failure);
@@ -231,34 +283,39 @@ impl QpSolver {
         if self.iterations == 0 {
             return Err(failure);
         }
-        let (from, to) = (&mut self.work.primal, &mut self.point.primal);
-        from.fill(0.0);
-        make_feasible(&self.data, from);
-        make_feasible(&self.data, to);
-        // The cost along the line is a parabola: three values give its minimum.
-        let (begin, end) = (self.data.cost(from), self.data.cost(to));
-        for (to, from) in to.iter_mut().zip(&*from) {
-            *to = 0.5 * (*to + from);
+        let Self { qp, work, .. } = self;
+        let (from, to, path) = (&mut self.from, &mut self.to, &mut self.point.path);
+        from.inputs.fill([0.0; MOTORS]);
+        to.inputs.copy_from_slice(&path.inputs);
+        for end in [&mut *from, &mut *to] {
+            make_feasible(&mut end.inputs);
         }
-        let middle = self.data.cost(to);
-        let curvature = 2.0 * (begin + end - 2.0 * middle);
+        let mut between = |share: f64| {
+            let ends = from.inputs.as_flattened().iter();
+            let ends = ends.zip(to.inputs.as_flattened());
+            for (own, (from, to)) in path.inputs.as_flattened_mut().iter_mut().zip(ends) {
+                *own = from + share * (to - from);
+            }
+            qp.roll(path);
+            qp.cost(path, work)
+        };
+        // The cost along the line is a parabola: three values give its minimum.
+        let (begin, end) = (between(0.0), between(1.0));
+        let curvature = 2.0 * (begin + end - 2.0 * between(0.5));
         let slope = end - begin - curvature;
         let share = (-slope / (2.0 * curvature)).clamp(0.0, 1.0);
         // Comparisons with NaN are false, so NaN fails too.
         if !(slope < 0.0 && share > 0.0) {
             return Err(failure);
         }
-        for (to, from) in to.iter_mut().zip(&*from) {
-            *to = from + 2.0 * share * (*to - from);
-        }
-        self.data.slacken(&mut self.point);
-        self.point.dual.fill(0.0);
+        between(share);
+        self.point.multipliers.fill(0.0);
         self.path = SolvePath::CutShort;
         Ok(self.residuals())
     }
 
     /// Returns the KKT residuals of the last solution.
     pub fn residuals(&mut self) -> Residuals {
-        self.data.residuals(&self.point, &mut self.work)
+        self.qp.residuals(&self.point, &mut self.work)
     }
 }

@@ -15,8 +15,6 @@ pub struct MpcSettings {
     pub last_step_s: f64,
     /// Control period, s: the first change of the inputs has this time, the later ones a stage's.
     pub period_s: f64,
-    /// Stages condensed into one block.
-    pub block_stages: usize,
     /// Weight of headings far from the path's tangent.
     pub heading_excess: HeadingExcess,
     /// Weight of the position across the path, 1/m^2.

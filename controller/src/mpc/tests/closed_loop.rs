@@ -1,6 +1,6 @@
 //! The MPC on a slope, driving the exact model.
 
-use super::condensed::assert_same_optimum;
+use super::stages::assert_same_optimum;
 use super::*;
 use crate::course::FigureEight;
 use crate::tracked_point::TrackedPoint;
@@ -109,18 +109,17 @@ pub fn solve(
     if mpc.wants_first_plan() {
         begin(mpc, horizon);
     }
-    let solution = mpc.linearise(horizon).condense().solve(deadline)?;
+    let solution = mpc.linearise(horizon).assemble().solve(deadline)?;
     Ok(solution.report.unwrap())
 }
 
-pub fn settings(stages: usize, block_stages: usize) -> MpcSettings {
+pub fn settings(stages: usize) -> MpcSettings {
     MpcSettings {
         stages,
         step_s: 0.15,
         last_step_s: 0.15,
         step_limit: StepLimit::default(),
         period_s: 0.05,
-        block_stages,
         heading_excess: HeadingExcess {
             free_rad: 0.5,
             per_rad2: 0.0,
@@ -144,7 +143,7 @@ pub fn mpc(settings: MpcSettings) -> Mpc {
 #[test]
 fn every_qp_of_a_run_meets_its_optimality_conditions() {
     let mut course = Course::new();
-    let mut mpc = mpc(settings(40, 5));
+    let mut mpc = mpc(settings(40));
     for _ in 0..400 {
         let report = course.solve(&mut mpc).unwrap();
         let Residuals { primal, dual, gap } = report.residuals;
@@ -152,7 +151,6 @@ fn every_qp_of_a_run_meets_its_optimality_conditions() {
         assert!(primal < 1e-5 && dual < 1e-5 && gap < 1e-3, "{at}");
         // What the report says is what the solver's data say.
         assert_eq!(mpc.solver.residuals(), report.residuals);
-        assert!(mpc.solver.data().b.iter().all(|b| b.is_finite()));
         let mut before = course.command;
         for (k, input) in mpc.plan().unwrap().inputs.iter().enumerate() {
             let bounded = mpc.settings.limits.within_bounds(*input);
@@ -179,31 +177,26 @@ fn every_qp_of_a_run_meets_its_optimality_conditions() {
 }
 
 #[test]
-fn the_qps_of_a_run_have_the_optimum_of_the_stagewise_problem() {
+fn the_qps_of_a_run_have_the_optimum_of_their_stages() {
     let mut course = Course::new();
-    let mut mpc = mpc(settings(40, 5));
-    for block_stages in 1..=8 {
+    let mut mpc = mpc(settings(40));
+    for _ in 0..8 {
         for _ in 0..5 {
             course.solve(&mut mpc).unwrap();
             course.drive(&mpc);
         }
         // The stages of the last QP, before its solution moved the plan.
         for tread_speed_m_s in [2.0, 1.2] {
-            assert_same_optimum(
-                &mpc.stages,
-                course.command,
-                &input_limits(tread_speed_m_s),
-                block_stages,
-                QpMode::FreshDefaults,
-            );
+            let limits = input_limits(tread_speed_m_s);
+            assert_same_optimum(&mpc.stages, course.command, &limits, QpMode::WorkingSet);
         }
     }
 }
 
 #[test]
-fn block_sizes_and_solver_modes_give_one_plan() {
-    let plan = |block_stages, mode| {
-        let mut settings = settings(30, block_stages);
+fn all_solver_modes_give_one_plan() {
+    let plan = |mode| {
+        let mut settings = settings(30);
         settings.qp = QpSettings { mode, ..exact() };
         let mut course = Course::new();
         let mut mpc = mpc(settings);
@@ -213,25 +206,17 @@ fn block_sizes_and_solver_modes_give_one_plan() {
         }
         mpc.plan().unwrap().clone()
     };
-    let reference = plan(5, QpMode::InPlace);
-    for (block_stages, mode) in [
-        (5, QpMode::WorkingSet),
-        (1, QpMode::WorkingSet),
-        (1, QpMode::InPlace),
-        (7, QpMode::InPlace),
-        (20, QpMode::InPlace),
-        (1, QpMode::FreshDefaults),
-        (5, QpMode::FreshDefaults),
-    ] {
-        let other = plan(block_stages, mode);
+    let reference = plan(QpMode::InPlace);
+    for mode in [QpMode::WorkingSet, QpMode::FreshDefaults] {
+        let other = plan(mode);
         for (a, b) in reference.inputs.iter().zip(&other.inputs) {
             let difference = (a.traction_m_s - b.traction_m_s)
                 .abs()
                 .max((a.steer_m_s - b.steer_m_s).abs());
-            assert!(difference < 1e-5, "{block_stages} {mode:?}: {difference}");
+            assert!(difference < 1e-5, "{mode:?}: {difference}");
         }
         for (a, b) in reference.states.iter().zip(&other.states) {
-            assert!((a - b).norm() < 1e-5, "{block_stages} {mode:?}");
+            assert!((a - b).norm() < 1e-5, "{mode:?}");
         }
     }
 }
@@ -239,7 +224,7 @@ fn block_sizes_and_solver_modes_give_one_plan() {
 #[test]
 fn a_failed_cycle_leaves_the_plan_and_the_next_one_is_right() {
     let mut course = Course::new();
-    let settings = settings(40, 5);
+    let settings = settings(40);
     let (mut spoiled, mut twin) = (mpc(settings.clone()), mpc(settings));
     for _ in 0..10 {
         course.solve(&mut spoiled).unwrap();
@@ -273,7 +258,7 @@ fn a_failed_cycle_leaves_the_plan_and_the_next_one_is_right() {
 #[test]
 fn shifting_interpolates_and_runs_on_with_the_last_input() {
     let mut course = Course::new();
-    let mut mpc = mpc(settings(12, 5));
+    let mut mpc = mpc(settings(12));
     for _ in 0..10 {
         course.solve(&mut mpc).unwrap();
         course.drive(&mpc);
@@ -340,7 +325,7 @@ proptest! {
     ) {
         let mut mpc = mpc(MpcSettings {
             last_step_s,
-            ..settings(12, 5)
+            ..settings(12)
         });
         let normal = Vector3::z();
         mpc.move_on(0.0, before, &normal);

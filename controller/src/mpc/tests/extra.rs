@@ -1,9 +1,9 @@
 //! Extra costs and constraints: in the QP, and in the cost by which its solution is followed.
 
 use super::closed_loop::{Course, mpc, settings, solve};
-use super::condensed::stage;
+use super::stages::stage;
 use super::*;
-use crate::mpc::recursion::{InputRule, Recursion};
+use crate::mpc::stage_qp::Path;
 use std::f64::consts::TAU;
 
 const X: [f64; EXTRA_SIZE] = [1.0, 0.0, 0.0, 0.0, 0.0];
@@ -38,7 +38,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 const TURNS_RAD: f64 = 3.0 * TAU;
 
 /// Returns how the states at the stages' ends change where the planned inputs are corrected by `corrections`.
-fn moved(stages: &[Stage], corrections: &[[f64; 2]]) -> Vec<Vector3<f64>> {
+pub fn states_of(stages: &[Stage], corrections: &[[f64; 2]]) -> Vec<Vector3<f64>> {
     let mut xi = Vector3::zeros();
     let moved = stages.iter().zip(corrections).map(|(stage, own)| {
         let step = &stage.step;
@@ -48,21 +48,20 @@ fn moved(stages: &[Stage], corrections: &[[f64; 2]]) -> Vec<Vector3<f64>> {
     moved.collect()
 }
 
-/// Returns the QP's variables of these corrections.
-pub fn primal_of(stages: &[Stage], corrections: &[[f64; 2]], block_stages: usize) -> Vec<f64> {
-    let (mut primal, states) = (Vec::new(), moved(stages, corrections));
-    for (k, own) in corrections.iter().enumerate() {
-        if k > 0 && k % block_stages == 0 {
-            primal.extend(states[k - 1].iter());
-        }
-        primal.extend(own);
+/// Returns the point of the QP with these corrections.
+fn path_of(stages: &[Stage], corrections: &[[f64; 2]]) -> Path {
+    Path {
+        inputs: corrections.to_vec(),
+        states: states_of(stages, corrections)
+            .into_iter()
+            .map(Into::into)
+            .collect(),
     }
-    primal
 }
 
 /// Returns z of each stage of a plan with these corrections.
 fn corrected(stages: &[Stage], plan: &Plan, corrections: &[[f64; 2]]) -> Vec<[f64; EXTRA_SIZE]> {
-    let moved = moved(stages, corrections).into_iter().enumerate();
+    let moved = states_of(stages, corrections).into_iter().enumerate();
     let all = moved.zip(corrections).map(|((k, xi), [traction, steer])| {
         let (state, input) = (plan.states[k + 1] + xi, plan.inputs[k]);
         [
@@ -80,7 +79,6 @@ proptest! {
     #[test]
     fn the_qp_has_the_cost_and_the_rows_of_the_stages(
         stages in prop::collection::vec(stage(), 12),
-        block_stages in 1..=5_usize,
         numbers in prop::collection::vec(prop::array::uniform5(-1.0..1.0_f64), 5 * 12),
         tread_speed_m_s in prop_oneof![Just(2.0), Just(1.3)],
     ) {
@@ -95,7 +93,7 @@ proptest! {
             corrections[1].push([traction, steer]);
         }
         let points = corrections.map(|own| {
-            (primal_of(&stages, &own, block_stages), corrected(&stages, &plan, &own))
+            (path_of(&stages, &own), corrected(&stages, &plan, &own))
         });
         let (mut costs, mut rows) = (Vec::new(), Vec::new());
         for k in 0..stages.len() {
@@ -119,14 +117,17 @@ proptest! {
         let expected = points.each_ref().map(|(_, all)| 0.5 * COST_SCALE * expected(all));
         let terms = ExtraTerms::new(costs.clone(), rows).unwrap();
         let (count, previous) = (stages.len(), motors(0.1, -0.2));
-        let (mut plain, mut without) =
-            Condenser::new(count, block_stages, input_limits(tread_speed_m_s), None, COST_SCALE);
-        plain.assemble(&stages, previous, None, &mut without);
-        let (mut condenser, mut data) = plain.with_extra_rows(Some(2));
-        let extra = PlannedExtra { terms: &terms, states: &plan.states, inputs: &plan.inputs };
-        condenser.assemble(&stages, previous, Some(extra), &mut data);
+        let limits = input_limits(tread_speed_m_s);
+        let tread_rows = !limits.treads_follow_from_motors();
+        let assembled = |rows: usize, extra: Option<&ExtraTerms>| {
+            let mut qp = StageQp::new(count, tread_rows, rows);
+            assemble(&mut qp, &stages, &plan, previous, &limits, extra);
+            qp
+        };
+        let (without, qp) = (assembled(0, None), assembled(2, Some(&terms)));
+        let mut work = qp.work();
 
-        let added = points.each_ref().map(|(primal, _)| data.cost(primal) - without.cost(primal));
+        let added = points.each_ref().map(|(path, _)| qp.cost(path, &mut work) - without.cost(path, &mut work));
         let (found, expected) = (added[1] - added[0], expected[1] - expected[0]);
         // Where half a turn is between, the QP's parabola is another than that beyond.
         let near = points.iter().flat_map(|(_, all)| all).zip(costs.iter().cycle())
@@ -137,53 +138,25 @@ proptest! {
             });
         prop_assert!(!near || (found - expected).abs() < 1e-8 * (1.0 + expected.abs()), "{} {}", found, expected);
 
-        let mut point = Point::zeros(&data);
-        point.primal.copy_from_slice(&points[0].0);
-        data.slacken(&mut point);
-        prop_assert_eq!(data.b.len(), without.b.len() + 4 * count);
-        for (k, slacks) in point.slack[without.b.len()..].chunks(4).enumerate() {
-            prop_assert!(slacks[0].abs() < 1e-12 && slacks[1].abs() < 1e-12, "stage {}: {:?}", k, slacks);
-            prop_assert!(slacks[2] > 0.0 && slacks[3] == 1.0, "stage {}: {:?}", k, slacks);
+        let size = |k: usize| numbers[5 * k + 4].iter().fold(0.0_f64, |m, by| m.max(by.abs()));
+        for k in 0..count {
+            let own = qp.extra_rows(k);
+            prop_assert_eq!(own.len(), 2);
+            let [both, high] = [own.start, own.start + 1].map(|row| {
+                let value = qp.value(row, &points[0].0);
+                let (low, high) = (qp.rows()[row].low, qp.rows()[row].high);
+                [low - value, high - value]
+            });
+            prop_assert!(both[0].abs() < 1e-9 && both[1].abs() < 1e-9, "stage {}: {:?}", k, both);
+            prop_assert_eq!(high[0], f64::NEG_INFINITY);
+            prop_assert!((high[1] - 0.1 / size(k)).abs() < 1e-9, "stage {}: {:?}", k, high);
         }
-    }
-
-    #[test]
-    fn a_plan_with_an_extra_cost_answers_a_change_of_its_start_as_its_qp(
-        stages in prop::collection::vec(stage(), 8),
-        directions in prop::collection::vec(prop::array::uniform3(-1.0..1.0_f64), 8),
-        start in prop::array::uniform3(-0.3..0.3_f64),
-    ) {
-        // Of a cost of the state alone the stages' own terms can tell the answer.
-        let plain = |stage: &Stage| stage.terms([0.0; 2], 1.0);
-        let mut with: Vec<_> = stages.iter().map(plain).collect();
-        let extra = |k: usize| {
-            let [x, y, yaw] = directions[k];
-            along(2.0, [x, y, yaw, 0.0, 0.0], [0.0; EXTRA_SIZE]).weight
-        };
-        let mut feedback = PlanFeedback::new(8);
-        let own = stages.iter().enumerate().map(|(k, stage)| (plain(stage), Some(extra(k))));
-        feedback.find(own).unwrap();
-        let answer: Vec<_> = feedback.answer(start).collect();
-        for (k, terms) in with.iter_mut().enumerate() {
-            for i in 0..3 {
-                for j in 0..3 {
-                    terms.weight[i][j] += extra(k)[i][j];
-                }
-            }
-        }
-        let mut same = PlanFeedback::new(8);
-        same.find(with.iter().map(|terms| (*terms, None))).unwrap();
-        for (own, expected) in answer.iter().flatten().zip(same.answer(start).collect::<Vec<_>>().iter().flatten()) {
-            prop_assert!((own - expected).abs() < 1e-9, "{} {}", own, expected);
-        }
-        let mut qp = Recursion::new(8);
-        prop_assert!(qp.solve(&with, &[[InputRule::Free; 2]; 8], 7).is_some());
     }
 }
 
 /// An MPC at a place of the figure of eight that has solved twelve QPs with these terms.
 fn settled(terms: Option<ExtraTerms>, step_limit: StepLimit) -> (Mpc, Horizon) {
-    let mut settings = settings(40, 5);
+    let mut settings = settings(40);
     settings.step_limit = step_limit;
     settings.qp = exact();
     let mut course = Course::new();
@@ -195,7 +168,7 @@ fn settled(terms: Option<ExtraTerms>, step_limit: StepLimit) -> (Mpc, Horizon) {
     mpc.set_extra_terms(terms).unwrap();
     let horizon = course.horizon(&mpc.settings);
     for _ in 0..12 {
-        mpc.linearise(&horizon).condense().solve(None).unwrap();
+        mpc.linearise(&horizon).assemble().solve(None).unwrap();
     }
     (mpc, horizon)
 }
@@ -215,8 +188,7 @@ fn cost_of(mpc: &Mpc, horizon: &Horizon, stage: usize, correction: MotorSpeeds) 
 
 #[test]
 fn the_gradient_of_the_qp_is_that_of_the_cost_by_which_steps_are_judged() {
-    // One block: its variables are the inputs.
-    let mut settings = settings(40, 40);
+    let mut settings = settings(40);
     settings.qp = exact();
     let mut course = Course::new();
     let mut mpc = mpc(settings);
@@ -238,9 +210,20 @@ fn the_gradient_of_the_qp_is_that_of_the_cost_by_which_steps_are_judged() {
         }
         let horizon = course.horizon(&mpc.settings);
         mpc.move_on(0.05, 1.0, &horizon.targets[0].normal_in_world);
-        let _ = mpc.linearise(&horizon).condense();
-        let gradient = mpc.qp().0.q.clone();
-        for (variable, slope) in gradient.iter().enumerate() {
+        let _ = mpc.linearise(&horizon).assemble();
+        let slope = |variable: usize| {
+            let (qp, mut work) = (mpc.solver.qp(), mpc.solver.qp().work());
+            let mut cost = |step: f64| {
+                let mut path = qp.zeros().path;
+                path.inputs.as_flattened_mut()[variable] = step;
+                qp.roll(&mut path);
+                qp.cost(&path, &mut work)
+            };
+            // The difference of a parabola is exact.
+            cost(0.5) - cost(-0.5)
+        };
+        for variable in 0..80 {
+            let slope = slope(variable);
             let by = |step: f64| match variable % 2 {
                 0 => cost_of(&mpc, &horizon, variable / 2, motors(step, 0.0)),
                 _ => cost_of(&mpc, &horizon, variable / 2, motors(0.0, step)),
@@ -258,7 +241,7 @@ fn the_gradient_of_the_qp_is_that_of_the_cost_by_which_steps_are_judged() {
 fn an_extra_cost_moves_a_plan_to_where_the_algebra_says() {
     // A stage of T on level ground, ahead from y: minimise c/T (u - u_0)^2 + w (y + T u - r)^2 + v (u - s)^2.
     let (step_s, change, before) = (0.15, 0.05, 0.4);
-    let mut settings = settings(1, 1);
+    let mut settings = settings(1);
     settings.qp = exact();
     let mut horizon = Course::new().horizon(&settings);
     horizon.previous = motors(before, 0.0);
@@ -295,30 +278,6 @@ fn an_extra_cost_moves_a_plan_to_where_the_algebra_says() {
             "{input:?}, expected {expected}"
         );
         assert!(input.steer_m_s.abs() < 1e-6, "{input:?}");
-    }
-}
-
-#[test]
-fn the_feedback_of_a_plan_weighs_extra_costs_as_its_own() {
-    let (mut mpc, _) = settled(
-        alike(along(20.0, Y, [0.0; EXTRA_SIZE]), &[]),
-        StepLimit::default(),
-    );
-    assert!(mpc.find_feedback(f64::INFINITY));
-    let weight = along(20.0, Y, [0.0; EXTRA_SIZE]).weight;
-    let mut same = PlanFeedback::new(40);
-    // In another unit of cost.
-    let terms = mpc
-        .stages
-        .iter()
-        .map(|stage| (stage.terms([0.0; 2], 1.0), Some(weight)));
-    same.find(terms).unwrap();
-    let start = [0.05, 0.1, -0.1];
-    for (own, expected) in mpc.answer(start.into()).zip(same.answer(start)) {
-        assert!(
-            (own - Vector3::from(expected)).norm() < 1e-9,
-            "{own} {expected:?}"
-        );
     }
 }
 
@@ -395,7 +354,7 @@ fn a_violation_costs_twice_what_room_for_the_row_that_presses_most_is_worth() {
 #[test]
 fn rows_that_no_plan_meets_end_in_a_failure_that_leaves_the_plan() {
     let mut course = Course::new();
-    let mut mpc = mpc(settings(40, 5));
+    let mut mpc = mpc(settings(40));
     for _ in 0..10 {
         course.solve(&mut mpc).unwrap();
         course.drive(&mpc);
@@ -419,11 +378,11 @@ fn rows_that_no_plan_meets_end_in_a_failure_that_leaves_the_plan() {
 #[test]
 fn an_mpc_whose_terms_were_removed_plans_as_one_that_had_none() {
     let mut course = Course::new();
-    let mut settings = settings(40, 5);
+    let mut settings = settings(40);
     settings.limits = input_limits(0.7);
     let (mut mpc, mut twin) = (mpc(settings.clone()), mpc(settings));
     for mpc in [&mut mpc, &mut twin] {
-        // Drives of a weak battery: the rows are scaled by the limits of full ones.
+        // Drives of a weak battery.
         let (mut traction, mut steer) = (mpc.settings.limits.traction, mpc.settings.limits.steer);
         (traction.speed_m_s, traction.acceleration_m_s2) = (0.5, 0.3);
         (steer.speed_m_s, steer.acceleration_m_s2) = (0.4, 0.7);
@@ -496,7 +455,7 @@ fn terms_that_are_wrong_are_refused_with_their_stage() {
         assert_eq!(terms(1e-10), Ok(true));
         assert_eq!(terms(1e-8), Err(ExtraError::Asymmetric { stage: 0 }));
     }
-    let mut mpc = mpc(settings(40, 5));
+    let mut mpc = mpc(settings(40));
     let of_three = ExtraTerms::new(vec![NO_COST; 3], Vec::new()).unwrap();
     assert_eq!(
         mpc.set_extra_terms(Some(of_three)),

@@ -50,7 +50,7 @@ fn beside(speed_m_s: f64, right_m: f64, ahead_m: f64, yaw_rad: f64) -> Horizon {
 #[test]
 fn a_first_plan_from_or_to_nowhere_is_a_failure_and_the_next_one_is_right() {
     let horizon = beside(0.5, 0.3, 0.0, 0.2);
-    let mut mpc = mpc(settings(40, 5));
+    let mut mpc = mpc(settings(40));
     let mut lost = horizon.clone();
     lost.start.x_m = f64::NAN;
     let mut nowhere = horizon.clone();
@@ -66,7 +66,7 @@ fn a_first_plan_from_or_to_nowhere_is_a_failure_and_the_next_one_is_right() {
 
 #[test]
 fn an_input_changes_in_the_time_of_the_stage_before_it() {
-    let mut settings = settings(40, 5);
+    let mut settings = settings(40);
     settings.last_step_s = 0.4;
     settings.limits.traction.acceleration_m_s2 = 0.1;
     let mut mpc = mpc(settings);
@@ -84,7 +84,7 @@ fn an_input_changes_in_the_time_of_the_stage_before_it() {
 #[test]
 fn a_plan_that_got_stuck_is_given_up_for_a_drive_towards_the_path() {
     let horizon = beside(0.5, 0.3, 0.0, 0.2);
-    let mut settings = settings(40, 5);
+    let mut settings = settings(40);
     // So little of a QP's solution is followed that only a new plan gets the vehicle out.
     settings.step_limit.steer_m_s = 1e-3;
     let mut mpc = mpc(settings);
@@ -113,7 +113,7 @@ fn a_plan_that_got_stuck_is_given_up_for_a_drive_towards_the_path() {
 #[test]
 fn a_plan_that_is_nearly_as_good_as_a_drive_is_kept() {
     let horizon = beside(0.5, 0.3, 0.0, 0.2);
-    let mut mpc = mpc(settings(40, 5));
+    let mut mpc = mpc(settings(40));
     for _ in 0..20 {
         solve(&mut mpc, &horizon, None).unwrap();
     }
@@ -128,7 +128,7 @@ fn a_plan_that_is_nearly_as_good_as_a_drive_is_kept() {
 #[test]
 fn a_plan_is_given_up_for_a_drive_that_costs_less_than_four_fifths_of_it() {
     let horizon = beside(0.5, 0.3, 0.0, 0.2);
-    let mut mpc = mpc(settings(40, 5));
+    let mut mpc = mpc(settings(40));
     let mut extra = ExtraCost::default();
     extra.weight[0][0] = 3.0;
     let terms = ExtraTerms::new(vec![extra; 40], Vec::new()).unwrap();
@@ -150,7 +150,7 @@ fn a_plan_is_given_up_for_a_drive_that_costs_less_than_four_fifths_of_it() {
 fn a_plan_that_leaves_little_to_gain_is_kept_however_much_better_a_drive_is() {
     let mut horizon = beside(0.5, 0.0, 0.0, 0.0);
     horizon.previous = motors(0.5, 0.0);
-    let mut mpc = mpc(settings(40, 5));
+    let mut mpc = mpc(settings(40));
     solve(&mut mpc, &horizon, None).unwrap();
     mpc.plan.inputs[39].traction_m_s = 0.4;
     let kept = mpc.plan().unwrap().clone();
@@ -174,7 +174,7 @@ proptest! {
         yaw_rad in -0.6..0.6,
     ) {
         let horizon = beside(speed_m_s, right_m, ahead_m, yaw_rad);
-        let mut mpc = mpc(settings(40, 5));
+        let mut mpc = mpc(settings(40));
         begin(&mut mpc, &horizon);
         let limits = mpc.settings.limits;
         let mut before = horizon.previous;

@@ -10,7 +10,7 @@ use sidehill_plant::frames::Attitude;
 /// Checks that a plan's states are those that the model has of its inputs, for a vehicle that moves as `moving`.
 fn check_states(model: impl Into<Model>, moving: BodyState) {
     let mut course = Course::new();
-    let mut settings = settings(40, 5);
+    let mut settings = settings(40);
     settings.step_limit.steer_m_s = 0.001;
     let mut mpc = Mpc::new(settings, model).unwrap();
     for cycle in 0..20 {
@@ -110,10 +110,10 @@ fn a_vehicle_with_inertia_keeps_turning_for_a_while_and_one_without_does_not() {
 /// model.
 fn moved(mpc: &Mpc, horizon: &Horizon, share: f64) -> (Plan, f64, f64) {
     let mut plan = mpc.plan.clone();
-    let corrections = mpc.condenser.input_corrections(mpc.solver.primal());
+    let corrections = &mpc.solver.point().path.inputs;
     let mut deviation = Vector3::zeros();
     for (k, (stage, correction)) in mpc.stages.iter().zip(corrections).enumerate() {
-        let [traction, steer] = [correction.traction_m_s, correction.steer_m_s].map(|c| share * c);
+        let [traction, steer] = correction.map(|c| share * c);
         plan.inputs[k].traction_m_s += traction;
         plan.inputs[k].steer_m_s += steer;
         let step = &stage.step;
@@ -154,7 +154,7 @@ fn a_solution_is_followed_by_the_largest_share_that_the_model_confirms() {
     // More than all of the predicted reduction is achieved by no share: then it is the smallest.
     for (accepted_share, steer_m_s) in [(0.1, 0.5), (0.5, 9.0), (0.9, 9.0), (0.97, 9.0), (1.5, 0.2)]
     {
-        let mut settings = settings(40, 5);
+        let mut settings = settings(40);
         settings.step_limit.accepted_share = accepted_share;
         settings.step_limit.steer_m_s = steer_m_s;
         let mut mpc = mpc(settings);
@@ -175,16 +175,13 @@ fn a_solution_is_followed_by_the_largest_share_that_the_model_confirms() {
                 begin(&mut mpc, &horizon);
             }
             mpc.damping.s2_per_m2 = 0.0;
-            let _ = mpc.linearise(&horizon).condense();
+            let _ = mpc.linearise(&horizon).assemble();
             mpc.solver.solve(None).unwrap();
             let at = format!("accepted {accepted_share}, cycle {cycle}");
             assert_same(&mpc.plan, &moved(&mpc, &horizon, 0.0).0, &at);
             let limit = mpc.settings.step_limit;
-            let largest_m_s = mpc
-                .condenser
-                .input_corrections(mpc.solver.primal())
-                .map(|correction| correction.steer_m_s.abs())
-                .fold(0.0, f64::max);
+            let corrections = mpc.solver.point().path.inputs.iter();
+            let largest_m_s = corrections.fold(0.0_f64, |m, [_, steer]| m.max(steer.abs()));
             let first = (steer_m_s / largest_m_s).min(1.0);
             let before = mpc.cost_of(&mpc.plan, &horizon);
             let tries = [1.0, 0.5, 0.25, 0.125].map(|share| moved(&mpc, &horizon, first * share));

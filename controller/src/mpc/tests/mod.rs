@@ -1,25 +1,25 @@
 #![allow(clippy::unwrap_used)]
 
+mod active_set;
 mod binding_limits;
 mod closed_loop;
-mod condensed;
 mod extra;
 mod feedback;
 mod first_plan;
 mod following;
 mod heading_excess;
-mod limit_search;
 mod limits;
 mod qp;
 mod same_optimum;
+mod sparse;
 mod speed_row;
+mod stages;
 mod stagewise;
 mod step_limit;
-mod working_set;
 
-use super::condensing::{Condenser, Stage};
+use super::assembling::assemble;
 use super::limits::{Change, InputLimits, MotorLimits};
-use super::qp::QpSolver;
+use super::stage::Stage;
 use super::*;
 use proptest::prelude::*;
 use sidehill_plant::prediction::{LinearisedStep, PredictionModel};

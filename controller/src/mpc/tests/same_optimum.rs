@@ -4,7 +4,7 @@
 //! same_optimum`, as `.ci/test` has it. Without the variable it is a few hundred.
 
 use super::closed_loop::{Course, settings};
-use super::condensed::stage;
+use super::stages::{qp_of, stage};
 use super::*;
 use proptest::strategy::ValueTree;
 use proptest::test_runner::TestRunner;
@@ -39,8 +39,8 @@ struct Counts {
 }
 
 /// Solves a QP with both; the one that keeps its rows from QP to QP is `solver`.
-fn compare(solver: &mut QpSolver, data: &QpData, counts: &mut Counts, what: &str) {
-    solver.data_mut().clone_from(data);
+fn compare(solver: &mut QpSolver, qp: &StageQp, counts: &mut Counts, what: &str) {
+    solver.qp_mut().clone_from(qp);
     let found = solver.solve(None);
     let defaults = QpSettings {
         mode: QpMode::FreshDefaults,
@@ -48,16 +48,18 @@ fn compare(solver: &mut QpSolver, data: &QpData, counts: &mut Counts, what: &str
         accepted_gap: 1e-6,
         ..QpSettings::default()
     };
-    let mut reference = QpSolver::new(data.clone(), defaults).unwrap();
+    let mut reference = QpSolver::new(qp.clone(), defaults).unwrap();
     reference.set_max_iterations(settings::ITERATIONS_MAX);
     let expected = reference.solve(None);
     match (found, expected) {
         (Ok(residuals), Ok(_)) => {
-            let cost = data.cost(solver.primal());
-            let least = data.cost(reference.primal());
+            let mut work = qp.work();
+            let mut cost = |solver: &QpSolver| qp.cost(&solver.point().path, &mut work);
+            let (cost, least) = (cost(solver), cost(&reference));
             // What the violation of rows that is let pass can be worth.
-            let largest = data.b.iter().fold(1.0_f64, |m, b| m.max(b.abs()));
-            let price: f64 = reference.point().dual.iter().map(|y| y.abs()).sum();
+            let values = (0..qp.rows().len()).map(|row| qp.value(row, &solver.point().path));
+            let largest = values.fold(1.0_f64, |m, value| m.max(value.abs()));
+            let price: f64 = reference.point().multipliers.iter().map(|y| y.abs()).sum();
             let worth = 2.0 * residuals.primal * largest * price;
             assert!(
                 (cost - least).abs() <= SAME_COST * (1.0 + least.abs()) + worth,
@@ -86,54 +88,58 @@ fn compare(solver: &mut QpSolver, data: &QpData, counts: &mut Counts, what: &str
     }
 }
 
-/// Rows that bind without a force: right-hand sides at which a point's slack is 0.
-fn degenerate(data: &mut QpData, point: &[f64], random: &mut ChaCha8Rng) {
-    let mut at = Point::zeros(data);
-    at.primal.copy_from_slice(point);
-    data.slacken(&mut at);
-    for row in data.equalities..data.b.len() {
+/// Rows that bind without a force: ends at which a point is.
+fn degenerate(qp: &mut StageQp, path: &stage_qp::Path, random: &mut ChaCha8Rng) {
+    for row in 0..qp.rows().len() {
         if within(random, 0.0, 1.0) < 0.2 {
-            data.b[row] -= at.slack[row];
+            let value = qp.value(row, path);
+            let (stage, place) = (qp.stage_of(row), row % qp.input_rows());
+            qp.rows_mut(stage).0[place].high = value;
         }
     }
 }
 
-/// Opposite rows with next to no room between them.
-fn nearly_infeasible(data: &mut QpData, random: &mut ChaCha8Rng) {
-    let first = data.equalities;
-    let stages = (data.b.len() - first) / 8;
-    for stage in 0..stages {
-        // Of a motor: bound, change, opposite bound, opposite change.
-        let row = first + 8 * stage + 4 * usize::from(within(random, 0.0, 1.0) < 0.5);
+/// Ends with next to no room between them.
+fn nearly_infeasible(qp: &mut StageQp, random: &mut ChaCha8Rng) {
+    for stage in 0..qp.stages.len() {
+        // The changes of a motor.
+        let row = 1 + 2 * usize::from(within(random, 0.0, 1.0) < 0.5);
         if within(random, 0.0, 1.0) < 0.3 {
-            data.b[row + 3] = -data.b[row + 1] + 1e-9;
+            let row = &mut qp.rows_mut(stage).0[row];
+            row.low = row.high - 1e-9;
         }
     }
 }
 
 /// Cost and rows in other units.
-fn wildly_scaled(data: &mut QpData, random: &mut ChaCha8Rng) {
+fn wildly_scaled(qp: &mut StageQp, random: &mut ChaCha8Rng) {
     let cost = 10.0_f64.powf(within(random, -4.0, 4.0));
-    data.p.nzval.iter_mut().for_each(|value| *value *= cost);
-    data.q.iter_mut().for_each(|value| *value *= cost);
-    let rows: Vec<f64> = (0..data.b.len())
-        .map(|_| 10.0_f64.powf(within(random, -2.0, 2.0)))
-        .collect();
-    for (row, value) in data.a.rowval.iter().zip(&mut data.a.nzval) {
-        *value *= rows[*row];
-    }
-    for (b, scale) in data.b.iter_mut().zip(&rows) {
-        *b *= scale;
+    for stage in 0..qp.stages.len() {
+        let terms = &mut qp.stages[stage];
+        let weights = terms.weight.as_flattened_mut().iter_mut();
+        let weights = weights
+            .chain(&mut terms.force)
+            .chain(&mut terms.change_weight);
+        for value in weights.chain([&mut terms.speed_weight]) {
+            *value *= cost;
+        }
+        for row in qp.rows_mut(stage).0 {
+            let size = 10.0_f64.powf(within(random, -2.0, 2.0));
+            for value in row.by.iter_mut().chain(&mut row.by_before) {
+                *value *= size;
+            }
+            (row.low, row.high) = (size * row.low, size * row.high);
+        }
     }
 }
 
 /// A QP and what becomes of it when it is spoiled, one after the other in one solver.
-fn compare_with_variants(data: &QpData, random: &mut ChaCha8Rng, counts: &mut Counts, what: &str) {
-    let mut solver = QpSolver::new(data.clone(), QpSettings::default()).unwrap();
+fn compare_with_variants(qp: &StageQp, random: &mut ChaCha8Rng, counts: &mut Counts, what: &str) {
+    let mut solver = QpSolver::new(qp.clone(), QpSettings::default()).unwrap();
     solver.set_max_iterations(settings::ITERATIONS_MAX);
-    compare(&mut solver, data, counts, what);
-    let solution = solver.primal().to_vec();
-    let mut spoiled = data.clone();
+    compare(&mut solver, qp, counts, what);
+    let solution = solver.point().path.clone();
+    let mut spoiled = qp.clone();
     degenerate(&mut spoiled, &solution, random);
     compare(
         &mut solver,
@@ -141,7 +147,7 @@ fn compare_with_variants(data: &QpData, random: &mut ChaCha8Rng, counts: &mut Co
         counts,
         &format!("{what}, degenerate"),
     );
-    let mut spoiled = data.clone();
+    let mut spoiled = qp.clone();
     nearly_infeasible(&mut spoiled, random);
     compare(
         &mut solver,
@@ -149,7 +155,7 @@ fn compare_with_variants(data: &QpData, random: &mut ChaCha8Rng, counts: &mut Co
         counts,
         &format!("{what}, nearly infeasible"),
     );
-    let mut spoiled = data.clone();
+    let mut spoiled = qp.clone();
     wildly_scaled(&mut spoiled, random);
     compare(
         &mut solver,
@@ -176,11 +182,8 @@ fn random_qps_have_the_same_optimum() {
             draw(1.1, 1.7)
         });
         let previous = motors(draw(-0.6, 0.6), draw(-0.5, 0.5));
-        let block_stages = draw(1.0, 8.99) as usize;
-        let (mut condenser, mut data) =
-            Condenser::new(stages.len(), block_stages, limits, None, COST_SCALE);
-        condenser.assemble(&stages, previous, None, &mut data);
-        compare_with_variants(&data, &mut random, &mut counts, &format!("case {case}"));
+        let qp = qp_of(&stages, previous, &limits);
+        compare_with_variants(&qp, &mut random, &mut counts, &format!("case {case}"));
     }
     println!("{counts:?}");
     // Where a row hardly binds or hardly does not, both methods have to work it out.
@@ -193,7 +196,7 @@ fn qps_of_a_drive_have_the_same_optimum() {
     let mut random = ChaCha8Rng::seed_from_u64(2);
     let mut counts = Counts::default();
     let mut course = Course::new();
-    let mut mpc = Mpc::new(settings(40, 5), PredictionModel::new(Vehicle::j8(), 0.02)).unwrap();
+    let mut mpc = Mpc::new(settings(40), PredictionModel::new(Vehicle::j8(), 0.02)).unwrap();
     let mut replayed: Option<QpSolver> = None;
     for cycle in 0..cases() * 13 / 20 {
         // Readings that jump make limits bind.
@@ -203,10 +206,10 @@ fn qps_of_a_drive_have_the_same_optimum() {
         course.pose.yaw_rad += within(&mut random, -size, size);
         course.solve(&mut mpc).unwrap();
         course.drive(&mpc);
-        let data = mpc.solver.data().clone();
+        let qp = mpc.solver.qp().clone();
         let solver = replayed
-            .get_or_insert_with(|| QpSolver::new(data.clone(), QpSettings::default()).unwrap());
-        compare(solver, &data, &mut counts, &format!("cycle {cycle}"));
+            .get_or_insert_with(|| QpSolver::new(qp.clone(), QpSettings::default()).unwrap());
+        compare(solver, &qp, &mut counts, &format!("cycle {cycle}"));
     }
     println!("{counts:?}");
     assert!(counts.working_set > 0, "{counts:?}");

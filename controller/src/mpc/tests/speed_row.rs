@@ -41,7 +41,7 @@ proptest! {
         let normal_in_world = Vector3::new(-slope_x, -slope_y, 1.0).normalize();
         let target = target(TrackedPoint { right_m, forward_m }, along_rad, normal_in_world);
         let along = target.along();
-        let mut model = mpc(settings(2, 1)).model;
+        let mut model = mpc(settings(2)).model;
         let step = model.step_on_plane(
             &normal_in_world,
             yaw_rad,

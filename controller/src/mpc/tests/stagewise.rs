@@ -1,18 +1,19 @@
-//! The horizon's problem written down once more, stage by stage and without condensing: every state
-//! is a variable, every row in its own units.
+//! The horizon's problem written down once more, term by term.
 
 use super::*;
-use crate::mpc::problem::{QpData, pattern};
+use crate::mpc::clarabel_qp::{InteriorPoint, SolveEnding};
+use crate::mpc::solve_limits::SolveLimits;
+use crate::mpc::sparse::pattern;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Returns the corrections of the inputs that are optimal for `stages`, by a solver made for this
-/// problem alone, used as `mode` says.
+/// problem alone.
 pub fn optimal_corrections(
     stages: &[Stage],
     previous: MotorSpeeds,
     limits: &InputLimits,
-    mode: QpMode,
-) -> Vec<MotorSpeeds> {
+) -> Vec<[f64; 2]> {
     let mut problem = Problem::default();
     let count = stages.len();
     let input = |k: usize, motor: usize| 2 * k + motor;
@@ -100,13 +101,9 @@ pub fn optimal_corrections(
             }
         }
     }
-    let optimum = problem.solve(5 * count, mode);
-    (0..count)
-        .map(|k| MotorSpeeds {
-            traction_m_s: optimum[input(k, 0)],
-            steer_m_s: optimum[input(k, 1)],
-        })
-        .collect()
+    let optimum = problem.solve(5 * count);
+    let both = |k| [optimum[input(k, 0)], optimum[input(k, 1)]];
+    (0..count).map(both).collect()
 }
 
 /// A QP in the making.
@@ -137,7 +134,7 @@ impl Problem {
         self.inequalities.push((sum_repeated(row), value));
     }
 
-    fn solve(&self, variables: usize, mode: QpMode) -> Vec<f64> {
+    fn solve(&self, variables: usize) -> Vec<f64> {
         let entries: Vec<_> = self.hessian.keys().copied().collect();
         let (mut p, positions) = pattern(variables, variables, &entries);
         for (value, &position) in self.hessian.values().zip(&positions) {
@@ -163,12 +160,11 @@ impl Problem {
             a,
             b: rows.iter().map(|(_, value)| *value).collect(),
             equalities: self.equalities.len(),
-            stages: Vec::new(),
         };
-        let settings = QpSettings { mode, ..exact() };
-        let mut solver = QpSolver::new(data, settings).unwrap();
-        solver.solve(None).unwrap();
-        solver.primal().to_vec()
+        let limits = Arc::new(SolveLimits::new(100));
+        let mut solver = InteriorPoint::new(&data, &exact(), &limits).unwrap();
+        assert_eq!(solver.solve().0, SolveEnding::Solved);
+        solver.point().0.to_vec()
     }
 }
 

@@ -52,19 +52,16 @@ fn a_high_price_keeps_planned_inputs_and_a_new_plan_has_none() {
     let mut corrections_m_s = Vec::new();
     for price in [0.0, 1e6] {
         let mut course = Course::new();
-        let mut mpc = mpc(settings(40, 5));
+        let mut mpc = mpc(settings(40));
         let horizon = course.horizon(&mpc.settings);
         solve(&mut mpc, &horizon, None).unwrap();
         course.drive(&mpc);
         mpc.damping.s2_per_m2 = price;
         let horizon = course.horizon(&mpc.settings);
         solve(&mut mpc, &horizon, None).unwrap();
-        let corrections = mpc.condenser.input_corrections(mpc.solver.primal());
-        corrections_m_s.push(corrections.fold([0.0_f64; 2], |[traction, steer], c| {
-            [
-                traction.max(c.traction_m_s.abs()),
-                steer.max(c.steer_m_s.abs()),
-            ]
+        let corrections = mpc.solver.point().path.inputs.iter();
+        corrections_m_s.push(corrections.fold([0.0_f64; 2], |[traction, steer], own| {
+            [traction.max(own[0].abs()), steer.max(own[1].abs())]
         }));
         mpc.discard_plan();
         solve(&mut mpc, &horizon, None).unwrap();
@@ -81,7 +78,7 @@ fn the_price_keeps_its_share_of_the_cost_however_long_the_stages_are() {
     // The cost of an error at a stage's end, for a correction of the stage's traction, over the correction's price.
     let shares = [1.0, 2.5].map(|stretch| {
         let course = Course::new();
-        let mut settings = settings(40, 5);
+        let mut settings = settings(40);
         settings.last_step_s = 0.3;
         let mut mpc = mpc(settings);
         mpc.move_on(0.0, stretch, &Vector3::z());

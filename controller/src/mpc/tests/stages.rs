@@ -1,7 +1,9 @@
-//! The condensed QP has the optimum of the problem it was condensed from.
+//! Stages of no vehicle in particular, and their QP.
 
 use super::stagewise::optimal_corrections;
 use super::*;
+use proptest::strategy::ValueTree;
+use proptest::test_runner::TestRunner;
 
 /// A stage of no vehicle in particular.
 pub fn stage() -> impl Strategy<Value = Stage> {
@@ -57,33 +59,43 @@ pub fn stage() -> impl Strategy<Value = Stage> {
 
 /// One of these stages.
 pub fn any_stage() -> Stage {
-    let mut runner = proptest::test_runner::TestRunner::deterministic();
-    proptest::strategy::ValueTree::current(&stage().new_tree(&mut runner).unwrap())
+    stage()
+        .new_tree(&mut TestRunner::deterministic())
+        .unwrap()
+        .current()
 }
 
-/// Asserts that condensed and stage-wise problem have the same optimum.
+/// Returns the QP of stages about their inputs.
+pub fn qp_of(stages: &[Stage], previous: MotorSpeeds, limits: &InputLimits) -> StageQp {
+    let plan = Plan {
+        states: vec![Vector3::zeros(); stages.len() + 1],
+        inputs: stages.iter().map(|stage| stage.input).collect(),
+    };
+    let mut qp = StageQp::new(stages.len(), !limits.treads_follow_from_motors(), 0);
+    assemble(&mut qp, stages, &plan, previous, limits, None);
+    qp
+}
+
+/// Asserts that the QP of stages has the optimum of the problem that was written down once more.
 pub fn assert_same_optimum(
     stages: &[Stage],
     previous: MotorSpeeds,
     limits: &InputLimits,
-    block_stages: usize,
-    reference: QpMode,
+    mode: QpMode,
 ) {
-    let (mut condenser, data) =
-        Condenser::new(stages.len(), block_stages, *limits, None, COST_SCALE);
-    let mut solver = QpSolver::new(data, exact()).unwrap();
-    condenser.assemble(stages, previous, None, solver.data_mut());
+    let qp = qp_of(stages, previous, limits);
+    let mut solver = QpSolver::new(qp, QpSettings { mode, ..exact() }).unwrap();
     solver.solve(None).unwrap();
-    let expected = optimal_corrections(stages, previous, limits, reference);
-    let found: Vec<_> = condenser.input_corrections(solver.primal()).collect();
+    let expected = optimal_corrections(stages, previous, limits);
+    let found = &solver.point().path.inputs;
     assert_eq!(found.len(), expected.len());
     for (k, (found, expected)) in found.iter().zip(&expected).enumerate() {
-        let difference = (found.traction_m_s - expected.traction_m_s)
+        let difference = (found[0] - expected[0])
             .abs()
-            .max((found.steer_m_s - expected.steer_m_s).abs());
+            .max((found[1] - expected[1]).abs());
         assert!(
             difference < 1e-5,
-            "stage {k} of {} in blocks of {block_stages}: {found:?}, expected {expected:?}",
+            "stage {k} of {}: {found:?}, expected {expected:?}",
             stages.len()
         );
     }
@@ -93,19 +105,13 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(100))]
 
     #[test]
-    fn condensing_keeps_the_optimum(
+    fn the_qp_has_the_optimum_of_its_stages(
         stages in prop::collection::vec(stage(), 2..22),
         previous in (-0.6..0.6_f64, -0.5..0.5_f64),
-        block_stages in 1..=8_usize,
         tread_speed_m_s in prop_oneof![Just(2.0), 1.1..1.7_f64],
+        mode in prop_oneof![Just(QpMode::WorkingSet), Just(QpMode::InPlace)],
     ) {
-        assert_same_optimum(
-            &stages,
-            motors(previous.0, previous.1),
-            &input_limits(tread_speed_m_s),
-            block_stages,
-            // Clarabel's own tolerance leaves up to 1e-4 where a limit almost binds.
-            QpMode::InPlace,
-        );
+        let limits = input_limits(tread_speed_m_s);
+        assert_same_optimum(&stages, motors(previous.0, previous.1), &limits, mode);
     }
 }
