@@ -16,7 +16,7 @@
 
 use super::recursion::Recursion;
 use super::solve_limits::SolveLimits;
-use super::stage_qp::{MOTORS, Path, Point, STATES, StageQp, VARIABLES, dot};
+use super::stage_qp::{MOTORS, Point, Rollout, STATES, StageQp, VARIABLES, dot};
 
 /// How far a row may be exceeded, in its units, and how far below 0 a multiplier may be, relative to 1 plus the largest
 /// linear cost.
@@ -39,9 +39,9 @@ pub struct ActiveSet {
     linear: Vec<[f64; VARIABLES]>,
     forces: Vec<[f64; VARIABLES]>,
     /// Minimum without rows.
-    free: Path,
+    free: Rollout,
     /// Answer to a row.
-    answer: Path,
+    answer: Rollout,
     /// Values of all rows at the present point.
     values: Vec<f64>,
     set: Set,
@@ -88,8 +88,8 @@ impl ActiveSet {
             recursion: Recursion::new(stages),
             linear: vec![[0.0; VARIABLES]; stages],
             forces: vec![[0.0; VARIABLES]; stages],
-            free: Path::zeros(stages),
-            answer: Path::zeros(stages),
+            free: Rollout::zeros(stages),
+            answer: Rollout::zeros(stages),
             values: vec![0.0; qp.rows().len()],
             kept: set.clone(),
             set,
@@ -116,7 +116,7 @@ impl ActiveSet {
         let rows = qp.rows().iter().zip(&point.multipliers);
         for (row, (side, (own, multiplier))) in self.sides.iter_mut().zip(rows).enumerate() {
             let pressed = multiplier.signum();
-            let slack = -own.excess_on(pressed, qp.value(row, &point.path));
+            let slack = -own.excess_on(pressed, qp.value(row, &point.rollout));
             *side = match () {
                 () if multiplier.abs() <= slack.max(0.0) => 0,
                 () if pressed > 0.0 => 1,
@@ -228,7 +228,7 @@ impl ActiveSet {
     fn put_optimum(&mut self, qp: &StageQp, point: &mut Point) {
         self.points += 1;
         if self.set.count == 0 {
-            point.path.copy_from(&self.free);
+            point.rollout.copy_from(&self.free);
         } else {
             self.forces.copy_from_slice(&self.linear);
             for active in self.set.active() {
@@ -237,10 +237,10 @@ impl ActiveSet {
             }
             let last = qp.stages.len() - 1;
             self.recursion
-                .respond(&qp.stages, &self.forces, last, last, &mut point.path);
+                .respond(&qp.stages, &self.forces, last, last, &mut point.rollout);
         }
         for (row, value) in self.values.iter_mut().enumerate() {
-            *value = qp.value(row, &point.path);
+            *value = qp.value(row, &point.rollout);
         }
     }
 

@@ -3,16 +3,19 @@
 use super::extra::{ExtraRow, ExtraTerms, product, row_size, values};
 use super::limits::{Change, InputLimits};
 use super::stage::Stage;
-use super::stage_qp::{MOTORS, Row, StageQp, VARIABLES};
-use super::{COST_SCALE, Plan};
+use super::stage_qp::{MOTORS, StageQp, StageRow, VARIABLES};
+use nalgebra::Vector3;
 use sidehill_plant::speeds::MotorSpeeds;
 
-/// Writes the QP of `stages` about a plan, which begins in the present state; `previous` is the input in force, `extra` are
+/// Factor on all costs: brings the QP's numbers near 1, where clarabel's tolerances are meant.
+pub const COST_SCALE: f64 = 10.0;
+
+/// Writes the QP of `stages` about a plan with these `states`, which begins in the present state; `previous` is the input in force, `extra` are
 /// terms with as many rows as there is room for. Allocates nothing.
 pub fn assemble(
     qp: &mut StageQp,
     stages: &[Stage],
-    plan: &Plan,
+    states: &[Vector3<f64>],
     previous: MotorSpeeds,
     limits: &InputLimits,
     extra: Option<&ExtraTerms>,
@@ -23,7 +26,7 @@ pub fn assemble(
         let change = [own[0] - before[0], own[1] - before[1]];
         qp.stages[k] = stage.terms(change, COST_SCALE);
         if let Some(extra) = extra {
-            let z = values(&plan.states[k + 1], stage.input, plan.states[0].z);
+            let z = values(&states[k + 1], stage.input, states[0].z);
             let terms = &mut qp.stages[k];
             let (weight, pull) = (
                 extra.weight(k),
@@ -56,7 +59,7 @@ pub fn assemble(
     }
 }
 
-impl Row {
+impl StageRow {
     fn between(&mut self, low: f64, high: f64) {
         (self.low, self.high) = (low, high);
     }

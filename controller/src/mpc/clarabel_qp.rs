@@ -1,6 +1,4 @@
-//! The only file that uses clarabel: its interior-point method.
-
-pub use clarabel::algebra::CscMatrix;
+//! Clarabel's interior-point method. No other file calls the solver.
 
 use super::failure::QpFailure;
 use super::settings::{ITERATIONS_MAX, QpMode, QpSettings};

@@ -1,9 +1,10 @@
 //! The plan moved to a QP's solution, as far as the model itself confirms it.
 
+use super::assembling::COST_SCALE;
 use super::extra::row_size;
 use super::stage::CostWeights;
 use super::step_limit::{HALVINGS, StepCosts, StepLimit};
-use super::{COST_SCALE, Horizon, Mpc, Plan, StageTarget};
+use super::{Horizon, Mpc, Plan, StageTarget};
 use nalgebra::Vector3;
 use sidehill_plant::contact::BodyState;
 use sidehill_plant::speeds::MotorSpeeds;
@@ -32,7 +33,7 @@ impl Mpc {
     /// these inputs from the vehicle's place.
     fn apply(&mut self, share: f64) {
         let mut deviation = Vector3::zeros();
-        let corrections = &self.solver.point().path.inputs;
+        let corrections = &self.solver.point().rollout.inputs;
         for ((k, stage), [traction_m_s, steer_m_s]) in
             self.stages.iter().enumerate().zip(corrections)
         {
@@ -49,7 +50,7 @@ impl Mpc {
 
     /// Returns the largest correction of planned steer in the QP's solution, m/s.
     fn largest_steer_correction_m_s(&self) -> f64 {
-        let corrections = self.solver.point().path.inputs.iter();
+        let corrections = self.solver.point().rollout.inputs.iter();
         corrections.fold(0.0, |m, [_, steer_m_s]| m.max(steer_m_s.abs()))
     }
 

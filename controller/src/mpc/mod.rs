@@ -26,7 +26,6 @@ mod stage_qp;
 mod stage_times;
 mod step_limit;
 
-pub use clarabel_qp::CscMatrix;
 pub use extra::{EXTRA_ROWS_MAX, EXTRA_SIZE, ExtraCost, ExtraError, ExtraRow, ExtraTerms};
 pub use failure::QpFailure;
 pub use model::Model;
@@ -34,7 +33,7 @@ pub(crate) use model::StepStart;
 pub use qp::{QpSolver, SolvePath};
 pub use residuals::Residuals;
 pub use settings::{ChangeWeights, HeadingExcess, MpcSettings, QpMode, QpSettings};
-pub use sparse::{QpData, SolvedQp};
+pub use sparse::{CscMatrix, QpData, SolvedQp};
 pub use stage::StageWeights;
 pub use stage_qp::StageQp;
 pub use stage_times::StageTimes;
@@ -52,9 +51,6 @@ use sidehill_plant::prediction::LinearisedStep;
 use sidehill_plant::speeds::MotorSpeeds;
 use stage::Stage;
 use step_limit::Damping;
-
-/// Factor on all costs: brings the QP's numbers near 1, where the solver's tolerances are meant.
-const COST_SCALE: f64 = 10.0;
 
 /// What the horizon asks for at the end of one stage.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -365,7 +361,7 @@ impl Mpc {
         assembling::assemble(
             self.solver.qp_mut(),
             &self.stages,
-            &self.plan,
+            &self.plan.states,
             limits.within_bounds(horizon.previous),
             limits,
             self.extra.as_ref().map(|extra| &extra.terms),

@@ -10,7 +10,7 @@ use super::residuals::Residuals;
 use super::settings::{QpMode, QpSettings};
 use super::solve_limits::SolveLimits;
 use super::sparse::{SolvedQp, Sparse};
-use super::stage_qp::{MOTORS, Path, Point, STATES, StageQp, VARIABLES, Work};
+use super::stage_qp::{MOTORS, Point, Rollout, STATES, StageQp, VARIABLES, Work};
 use crate::clock::Instant;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -43,8 +43,8 @@ pub struct QpSolver {
     limits: Arc<SolveLimits>,
     point: Point,
     /// Between which points a solve that was cut short looks for a better one.
-    from: Path,
-    to: Path,
+    from: Rollout,
+    to: Rollout,
     work: Work,
     path: SolvePath,
     iterations: u32,
@@ -85,8 +85,8 @@ impl QpSolver {
             active_set: ActiveSet::new(&qp),
             interior_point: InteriorPoint::new(&sparse.data, &settings, &limits)?,
             sparse,
-            from: point.path.clone(),
-            to: point.path.clone(),
+            from: point.rollout.clone(),
+            to: point.rollout.clone(),
             point,
             work: qp.work(),
             qp,
@@ -235,7 +235,7 @@ impl QpSolver {
     fn take_point(&mut self) {
         let (variables, multipliers) = self.interior_point.point();
         let stages = variables.chunks_exact(VARIABLES);
-        for (inputs, own) in self.point.path.inputs.iter_mut().zip(stages) {
+        for (inputs, own) in self.point.rollout.inputs.iter_mut().zip(stages) {
             inputs.copy_from_slice(&own[STATES..]);
         }
         let sides = multipliers[self.sparse.data.equalities..].chunks_exact(2);
@@ -246,7 +246,7 @@ impl QpSolver {
             let low = if row.low.is_finite() { sides[1] } else { 0.0 };
             *multiplier = high - low;
         }
-        self.qp.roll(&mut self.point.path);
+        self.qp.roll(&mut self.point.rollout);
     }
 
     fn rebuild(&mut self) -> Result<(), QpFailure> {
@@ -284,20 +284,20 @@ impl QpSolver {
             return Err(failure);
         }
         let Self { qp, work, .. } = self;
-        let (from, to, path) = (&mut self.from, &mut self.to, &mut self.point.path);
+        let (from, to, rollout) = (&mut self.from, &mut self.to, &mut self.point.rollout);
         from.inputs.fill([0.0; MOTORS]);
-        to.inputs.copy_from_slice(&path.inputs);
+        to.inputs.copy_from_slice(&rollout.inputs);
         for end in [&mut *from, &mut *to] {
             make_feasible(&mut end.inputs);
         }
         let mut between = |share: f64| {
             let ends = from.inputs.as_flattened().iter();
             let ends = ends.zip(to.inputs.as_flattened());
-            for (own, (from, to)) in path.inputs.as_flattened_mut().iter_mut().zip(ends) {
+            for (own, (from, to)) in rollout.inputs.as_flattened_mut().iter_mut().zip(ends) {
                 *own = from + share * (to - from);
             }
-            qp.roll(path);
-            qp.cost(path, work)
+            qp.roll(rollout);
+            qp.cost(rollout, work)
         };
         // The cost along the line is a parabola: three values give its minimum.
         let (begin, end) = (between(0.0), between(1.0));

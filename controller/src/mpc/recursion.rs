@@ -3,7 +3,7 @@
 //! It finds the feedback from (xi_k, du_{k-1}) that the cost asks for, in a time proportional to the number of stages and a
 //! fraction of that of a sparse linear system. From it the answer to any linear cost follows.
 
-use super::stage_qp::{MOTORS, Path, STATES, StageTerms, VARIABLES, dot};
+use super::stage_qp::{MOTORS, Rollout, STATES, StageTerms, VARIABLES, dot};
 
 /// Entries of (xi, inputs of the stage before, inputs).
 const ALL: usize = VARIABLES + MOTORS;
@@ -47,7 +47,7 @@ impl Recursion {
         true
     }
 
-    /// Sets `path`, as far as stage `end`, to the minimum of the quadratic cost, without its own linear terms, plus `forces`
+    /// Sets `rollout`, as far as stage `end`, to the minimum of the quadratic cost, without its own linear terms, plus `forces`
     /// times the v of each stage, of which those after stage `last` are zero.
     pub fn respond(
         &mut self,
@@ -55,7 +55,7 @@ impl Recursion {
         forces: &[[f64; VARIABLES]],
         last: usize,
         end: usize,
-        path: &mut Path,
+        rollout: &mut Rollout,
     ) {
         let mut slope = [0.0; VARIABLES];
         self.constants[last + 1..].fill([0.0; MOTORS]);
@@ -84,8 +84,8 @@ impl Recursion {
         for (k, (terms, feedback)) in counted.enumerate() {
             inputs = feedback.inputs(&self.constants[k], &xi, &inputs);
             xi = terms.forward(&xi, &inputs);
-            path.inputs[k] = inputs;
-            path.states[k] = xi;
+            rollout.inputs[k] = inputs;
+            rollout.states[k] = xi;
         }
     }
 

@@ -8,8 +8,9 @@
 //! equalities are the dynamics. Each row of a [`StageQp`] is two here: its high end, then its low one; an end that is
 //! none is a row of zeros.
 
-use super::clarabel_qp::CscMatrix;
-use super::stage_qp::{MOTORS, Point, Row, STATES, StageQp, VARIABLES};
+pub use clarabel::algebra::CscMatrix;
+
+use super::stage_qp::{MOTORS, Point, STATES, StageQp, StageRow, VARIABLES};
 
 /// A QP's data; values may be overwritten between solves.
 #[derive(Debug, Clone)]
@@ -102,7 +103,7 @@ impl Sparse {
     }
 }
 
-impl Row {
+impl StageRow {
     /// Returns the sign of a side and its end, of the high side and of the low one.
     fn ends(&self) -> [(f64, f64); 2] {
         [(1.0, self.high), (-1.0, self.low)]
@@ -187,8 +188,8 @@ impl StageQp {
     /// Returns the QP in compressed columns with a point of it.
     pub fn solved(&self, point: &Point) -> SolvedQp {
         let data = Sparse::new(self).data;
-        let path = &point.path;
-        let states = path.states.iter().zip(&path.inputs);
+        let rollout = &point.rollout;
+        let states = rollout.states.iter().zip(&rollout.inputs);
         let primal =
             states.flat_map(|([x, y, yaw], [traction, steer])| [x, y, yaw, traction, steer]);
         let costates = self.costates(point).into_iter().flatten();

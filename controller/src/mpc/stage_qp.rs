@@ -79,7 +79,7 @@ impl StageTerms {
 
 /// A row low <= g' v_k + h' u_{k-1} <= high of a stage.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Row {
+pub struct StageRow {
     /// g.
     pub(super) by: [f64; VARIABLES],
     /// h.
@@ -90,7 +90,7 @@ pub struct Row {
     pub(super) high: f64,
 }
 
-impl Row {
+impl StageRow {
     /// Constrains nothing.
     const FREE: Self = Self {
         by: [0.0; VARIABLES],
@@ -134,15 +134,15 @@ impl Row {
 
 /// Inputs, and the states at the stages' ends that follow from them.
 #[derive(Debug, Clone)]
-pub struct Path {
+pub struct Rollout {
     /// du.
     pub inputs: Vec<[f64; MOTORS]>,
     /// xi.
     pub states: Vec<[f64; STATES]>,
 }
 
-impl Path {
-    /// Returns a path of zeros.
+impl Rollout {
+    /// Returns a rollout of zeros.
     pub fn zeros(stages: usize) -> Self {
         Self {
             inputs: vec![[0.0; MOTORS]; stages],
@@ -150,7 +150,7 @@ impl Path {
         }
     }
 
-    /// Takes the values of a path of the same length.
+    /// Takes the values of a rollout of the same length.
     pub fn copy_from(&mut self, other: &Self) {
         self.inputs.copy_from_slice(&other.inputs);
         self.states.copy_from_slice(&other.states);
@@ -161,7 +161,7 @@ impl Path {
 #[derive(Debug, Clone)]
 pub struct Point {
     /// Inputs and states.
-    pub path: Path,
+    pub rollout: Rollout,
     /// Multipliers of the rows: positive where the high end presses, negative where the low one does.
     pub multipliers: Vec<f64>,
 }
@@ -172,7 +172,7 @@ pub struct StageQp {
     /// Terms of the stages.
     pub(super) stages: Vec<StageTerms>,
     /// Rows of the first stage, then those of the next.
-    rows: Vec<Row>,
+    rows: Vec<StageRow>,
     /// Rows of a stage that limit inputs and their changes; those of extra terms follow.
     input_rows: usize,
 }
@@ -190,15 +190,15 @@ impl StageQp {
     pub fn new(stages: usize, tread_rows: bool, extra_rows: usize) -> Self {
         let mut of_stage = Vec::new();
         for motor in [[1.0, 0.0], [0.0, 1.0]] {
-            of_stage.push(Row::of_inputs(motor, [0.0; MOTORS]));
-            of_stage.push(Row::of_inputs(motor, motor.map(|by| -by)));
+            of_stage.push(StageRow::of_inputs(motor, [0.0; MOTORS]));
+            of_stage.push(StageRow::of_inputs(motor, motor.map(|by| -by)));
         }
         if tread_rows {
-            of_stage.push(Row::of_inputs([1.0, -1.0], [0.0; MOTORS]));
-            of_stage.push(Row::of_inputs([1.0, 1.0], [0.0; MOTORS]));
+            of_stage.push(StageRow::of_inputs([1.0, -1.0], [0.0; MOTORS]));
+            of_stage.push(StageRow::of_inputs([1.0, 1.0], [0.0; MOTORS]));
         }
         let input_rows = of_stage.len();
-        of_stage.resize(input_rows + extra_rows, Row::FREE);
+        of_stage.resize(input_rows + extra_rows, StageRow::FREE);
         let mut rows = of_stage.repeat(stages);
         // No input comes before those of the first stage.
         for row in rows.iter_mut().take(of_stage.len()) {
@@ -216,13 +216,8 @@ impl StageQp {
         self.input_rows
     }
 
-    /// Returns the number of rows.
-    pub fn row_count(&self) -> usize {
-        self.rows.len()
-    }
-
     /// Returns the rows.
-    pub fn rows(&self) -> &[Row] {
+    pub fn rows(&self) -> &[StageRow] {
         &self.rows
     }
 
@@ -238,7 +233,7 @@ impl StageQp {
     }
 
     /// Returns the rows of a stage that limit its inputs, and its extra rows.
-    pub(super) fn rows_mut(&mut self, stage: usize) -> (&mut [Row], &mut [Row]) {
+    pub(super) fn rows_mut(&mut self, stage: usize) -> (&mut [StageRow], &mut [StageRow]) {
         let count = self.rows_per_stage();
         self.rows[stage * count..(stage + 1) * count].split_at_mut(self.input_rows)
     }
@@ -264,7 +259,7 @@ impl StageQp {
     /// Returns a point of zeros.
     pub fn zeros(&self) -> Point {
         Point {
-            path: Path::zeros(self.stages.len()),
+            rollout: Rollout::zeros(self.stages.len()),
             multipliers: vec![0.0; self.rows.len()],
         }
     }
@@ -277,10 +272,10 @@ impl StageQp {
         }
     }
 
-    /// Sets the states that follow from a path's inputs.
-    pub fn roll(&self, path: &mut Path) {
+    /// Sets the states that follow from a rollout's inputs.
+    pub fn roll(&self, rollout: &mut Rollout) {
         let mut xi = [0.0; STATES];
-        let inputs = path.inputs.iter().zip(&mut path.states);
+        let inputs = rollout.inputs.iter().zip(&mut rollout.states);
         for (terms, (inputs, state)) in self.stages.iter().zip(inputs) {
             xi = terms.forward(&xi, inputs);
             *state = xi;
@@ -288,12 +283,12 @@ impl StageQp {
     }
 
     /// Returns the value of a row.
-    pub fn value(&self, row: usize, path: &Path) -> f64 {
+    pub fn value(&self, row: usize, rollout: &Rollout) -> f64 {
         let (own, k) = (&self.rows[row], self.stage_of(row));
         let (by_state, by_inputs) = own.by.split_at(STATES);
-        let value = dot(by_state, &path.states[k]) + dot(by_inputs, &path.inputs[k]);
+        let value = dot(by_state, &rollout.states[k]) + dot(by_inputs, &rollout.inputs[k]);
         match k.checked_sub(1) {
-            Some(before) => value + dot(&own.by_before, &path.inputs[before]),
+            Some(before) => value + dot(&own.by_before, &rollout.inputs[before]),
             None => value,
         }
     }
@@ -331,11 +326,11 @@ impl StageQp {
         }
     }
 
-    /// Returns the cost of a path, and hands the derivatives of the cost plus `forces` to `take`, stage by stage, the last
+    /// Returns the cost of a rollout, and hands the derivatives of the cost plus `forces` to `take`, stage by stage, the last
     /// first: by the inputs and by the state at the stage's end, where the states that follow do so.
     fn differentiate(
         &self,
-        path: &Path,
+        rollout: &Rollout,
         forces: &[[f64; VARIABLES]],
         mut take: impl FnMut(usize, [f64; MOTORS], [f64; STATES]),
     ) -> f64 {
@@ -343,10 +338,10 @@ impl StageQp {
         let mut ahead = [0.0; STATES];
         let mut change_after = [0.0; MOTORS];
         for (k, terms) in self.stages.iter().enumerate().rev() {
-            let (xi, own) = (&path.states[k], &path.inputs[k]);
+            let (xi, own) = (&rollout.states[k], &rollout.inputs[k]);
             let v = [xi[0], xi[1], xi[2], own[0], own[1]];
             let (yaw, before) = match k.checked_sub(1) {
-                Some(last) => (path.states[last][2], path.inputs[last]),
+                Some(last) => (rollout.states[last][2], rollout.inputs[last]),
                 None => (0.0, [0.0; MOTORS]),
             };
             let mut slope = [0.0; VARIABLES];
@@ -380,10 +375,10 @@ impl StageQp {
         cost
     }
 
-    /// Returns the cost of a path.
-    pub fn cost(&self, path: &Path, work: &mut Work) -> f64 {
+    /// Returns the cost of a rollout.
+    pub fn cost(&self, rollout: &Rollout, work: &mut Work) -> f64 {
         work.forces.fill([0.0; VARIABLES]);
-        self.differentiate(path, &work.forces, |_, _, _| {})
+        self.differentiate(rollout, &work.forces, |_, _, _| {})
     }
 
     /// Returns the KKT residuals of a point whose states follow from its inputs.
@@ -393,7 +388,7 @@ impl StageQp {
         work.forces.fill([0.0; VARIABLES]);
         let (mut excess, mut size, mut gap) = (0.0, 0.0, 0.0);
         for (row, (own, multiplier)) in self.rows.iter().zip(&point.multipliers).enumerate() {
-            let value = self.value(row, &point.path);
+            let value = self.value(row, &point.rollout);
             excess = nan_max(excess, nan_max(value - own.high, own.low - value));
             size = nan_max(size, value.abs());
             if *multiplier != 0.0 {
@@ -403,7 +398,7 @@ impl StageQp {
             }
         }
         let slopes = &mut work.slopes;
-        let cost = self.differentiate(&point.path, &work.forces, |k, by_inputs, _| {
+        let cost = self.differentiate(&point.rollout, &work.forces, |k, by_inputs, _| {
             slopes[k] = by_inputs;
         });
         Residuals {
@@ -420,7 +415,9 @@ impl StageQp {
             self.press(row, *multiplier, &mut forces);
         }
         let mut costates = vec![[0.0; STATES]; self.stages.len()];
-        self.differentiate(&point.path, &forces, |k, _, costate| costates[k] = costate);
+        self.differentiate(&point.rollout, &forces, |k, _, costate| {
+            costates[k] = costate
+        });
         costates
     }
 
@@ -428,7 +425,7 @@ impl StageQp {
     pub fn to_numbers(&self) -> [Vec<f64>; 2] {
         let (mut stages, mut rows) = (self.stages.clone(), self.rows.clone());
         let terms = stages.iter_mut().flat_map(StageTerms::numbers);
-        let of_rows = rows.iter_mut().flat_map(Row::numbers);
+        let of_rows = rows.iter_mut().flat_map(StageRow::numbers);
         [
             terms.map(|own| *own).collect(),
             of_rows.map(|own| *own).collect(),
@@ -439,7 +436,7 @@ impl StageQp {
     /// the inputs; none where their count does not fit.
     pub fn from_numbers(terms: &[f64], rows: &[f64], input_rows: usize) -> Option<Self> {
         let size = StageTerms::default().numbers().count();
-        let mut row = Row::FREE;
+        let mut row = StageRow::FREE;
         let row_size = row.numbers().count();
         let (stages, count) = (terms.len() / size, rows.len() / row_size);
         let fits = stages > 0
@@ -452,11 +449,11 @@ impl StageQp {
         }
         let mut qp = Self {
             stages: vec![StageTerms::default(); stages],
-            rows: vec![Row::FREE; count],
+            rows: vec![StageRow::FREE; count],
             input_rows,
         };
         let own = qp.stages.iter_mut().flat_map(StageTerms::numbers);
-        let of_rows = qp.rows.iter_mut().flat_map(Row::numbers);
+        let of_rows = qp.rows.iter_mut().flat_map(StageRow::numbers);
         for (own, value) in own.zip(terms).chain(of_rows.zip(rows)) {
             *own = *value;
         }

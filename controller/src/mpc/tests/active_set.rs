@@ -7,7 +7,7 @@ use crate::mpc::active_set::ActiveSet;
 use crate::mpc::assembling::make_feasible;
 use crate::mpc::recursion::Recursion;
 use crate::mpc::solve_limits::SolveLimits;
-use crate::mpc::stage_qp::{Path, Point};
+use crate::mpc::stage_qp::{Point, Rollout};
 use proptest::strategy::ValueTree;
 use proptest::test_runner::TestRunner;
 
@@ -47,8 +47,8 @@ fn assert_found(qp: &StageQp, guess: &[i8]) {
     // The interior-point method's inputs are good to some 1e-5 m/s where the cost is flat; the least cost is not
     // so vague.
     let (cost, least) = (
-        qp.cost(&point.path, &mut work),
-        qp.cost(&solver.point().path, &mut work),
+        qp.cost(&point.rollout, &mut work),
+        qp.cost(&solver.point().rollout, &mut work),
     );
     assert!(
         cost <= least + 1e-7 * (1.0 + least.abs()),
@@ -57,11 +57,11 @@ fn assert_found(qp: &StageQp, guess: &[i8]) {
 }
 
 /// Returns the minimum of a QP's cost without rows.
-pub fn minimum(qp: &StageQp) -> Path {
+pub fn minimum(qp: &StageQp) -> Rollout {
     let stages = qp.stages.len();
     let mut recursion = Recursion::new(stages);
     assert!(recursion.factorise(&qp.stages));
-    let (mut forces, mut path) = (vec![[0.0; 5]; stages], Path::zeros(stages));
+    let (mut forces, mut path) = (vec![[0.0; 5]; stages], Rollout::zeros(stages));
     qp.linear(&mut forces);
     recursion.respond(&qp.stages, &forces, stages - 1, stages - 1, &mut path);
     path
@@ -118,7 +118,7 @@ proptest! {
         let previous = motors(0.3, -0.2);
         let plain = qp_of(&stages, previous, &limits);
         // One that meets all rows.
-        let mut path = plain.zeros().path;
+        let mut path = plain.zeros().rollout;
         make_feasible(&mut path.inputs, &stages, previous, &limits);
         plain.roll(&mut path);
         let mut qp = StageQp::new(count, true, 2);
@@ -148,7 +148,7 @@ proptest! {
         let (first, from_nothing) = (point.clone(), search.points());
         prop_assert_eq!(search.find(&qp, &mut point, &limits), Ok(true));
         prop_assert_eq!(search.points(), 1);
-        for (now, before) in point.path.inputs.iter().zip(&first.path.inputs) {
+        for (now, before) in point.rollout.inputs.iter().zip(&first.rollout.inputs) {
             prop_assert!((now[0] - before[0]).abs() < 1e-7 && (now[1] - before[1]).abs() < 1e-7);
         }
         // One that was active in the QP before does not count.
@@ -235,14 +235,14 @@ fn a_deadline_ends_a_search_and_leaves_the_last_optimum() {
     let qp = qp(&stages.unwrap().current(), true);
     let (mut search, mut point) = (ActiveSet::new(&qp), qp.zeros());
     let limits = SolveLimits::new(1);
-    point.path.inputs.fill([7.0; 2]);
+    point.rollout.inputs.fill([7.0; 2]);
     limits.begin_cycle(Some(0));
     assert_eq!(search.find(&qp, &mut point, &limits), Err(()));
-    assert_eq!((search.points(), point.path.inputs[0]), (0, [7.0; 2]));
+    assert_eq!((search.points(), point.rollout.inputs[0]), (0, [7.0; 2]));
     limits.begin_cycle(Some(1));
     assert_eq!(search.find(&qp, &mut point, &limits), Err(()));
     assert_eq!(
-        (search.points(), point.path.inputs),
+        (search.points(), point.rollout.inputs),
         (1, minimum(&qp).inputs)
     );
 }

@@ -41,12 +41,12 @@ impl Pushed {
         {
             self.cut_short += 1;
             assert!(report.residuals.primal < 1e-12, "{:?}", report.residuals);
-            let (qp, mut unchanged) = (mpc.solver.qp(), mpc.solver.qp().zeros().path);
+            let (qp, mut unchanged) = (mpc.solver.qp(), mpc.solver.qp().zeros().rollout);
             let limits = &mpc.settings.limits;
             let previous = limits.within_bounds(course.command);
             make_feasible(&mut unchanged.inputs, &mpc.stages, previous, limits);
             qp.roll(&mut unchanged);
-            let (mut work, found) = (qp.work(), &mpc.solver.point().path);
+            let (mut work, found) = (qp.work(), &mpc.solver.point().rollout);
             assert!(qp.cost(found, &mut work) < qp.cost(&unchanged, &mut work));
             assert_keeps_limits(mpc, course.command);
         }
@@ -59,7 +59,7 @@ impl Pushed {
 
 /// All inputs of the solver's point are within bounds, and their changes within rates.
 fn assert_keeps_limits(mpc: &Mpc, mut before: MotorSpeeds) {
-    let corrections = &mpc.solver.point().path.inputs;
+    let corrections = &mpc.solver.point().rollout.inputs;
     for (k, [traction_m_s, steer_m_s]) in corrections.iter().enumerate() {
         let about = mpc.stages[k].input;
         let input = motors(

@@ -3,7 +3,7 @@
 use super::closed_loop::{Course, mpc, settings, solve};
 use super::stages::stage;
 use super::*;
-use crate::mpc::stage_qp::Path;
+use crate::mpc::stage_qp::Rollout;
 use std::f64::consts::TAU;
 
 const X: [f64; EXTRA_SIZE] = [1.0, 0.0, 0.0, 0.0, 0.0];
@@ -49,8 +49,8 @@ pub fn states_of(stages: &[Stage], corrections: &[[f64; 2]]) -> Vec<Vector3<f64>
 }
 
 /// Returns the point of the QP with these corrections.
-fn path_of(stages: &[Stage], corrections: &[[f64; 2]]) -> Path {
-    Path {
+fn path_of(stages: &[Stage], corrections: &[[f64; 2]]) -> Rollout {
+    Rollout {
         inputs: corrections.to_vec(),
         states: states_of(stages, corrections)
             .into_iter()
@@ -121,7 +121,7 @@ proptest! {
         let tread_rows = !limits.treads_follow_from_motors();
         let assembled = |rows: usize, extra: Option<&ExtraTerms>| {
             let mut qp = StageQp::new(count, tread_rows, rows);
-            assemble(&mut qp, &stages, &plan, previous, &limits, extra);
+            assemble(&mut qp, &stages, &plan.states, previous, &limits, extra);
             qp
         };
         let (without, qp) = (assembled(0, None), assembled(2, Some(&terms)));
@@ -214,7 +214,7 @@ fn the_gradient_of_the_qp_is_that_of_the_cost_by_which_steps_are_judged() {
         let slope = |variable: usize| {
             let (qp, mut work) = (mpc.solver.qp(), mpc.solver.qp().work());
             let mut cost = |step: f64| {
-                let mut path = qp.zeros().path;
+                let mut path = qp.zeros().rollout;
                 path.inputs.as_flattened_mut()[variable] = step;
                 qp.roll(&mut path);
                 qp.cost(&path, &mut work)

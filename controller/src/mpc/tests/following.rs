@@ -110,7 +110,7 @@ fn a_vehicle_with_inertia_keeps_turning_for_a_while_and_one_without_does_not() {
 /// model.
 fn moved(mpc: &Mpc, horizon: &Horizon, share: f64) -> (Plan, f64, f64) {
     let mut plan = mpc.plan.clone();
-    let corrections = &mpc.solver.point().path.inputs;
+    let corrections = &mpc.solver.point().rollout.inputs;
     let mut deviation = Vector3::zeros();
     for (k, (stage, correction)) in mpc.stages.iter().zip(corrections).enumerate() {
         let [traction, steer] = correction.map(|c| share * c);
@@ -180,7 +180,7 @@ fn a_solution_is_followed_by_the_largest_share_that_the_model_confirms() {
             let at = format!("accepted {accepted_share}, cycle {cycle}");
             assert_same(&mpc.plan, &moved(&mpc, &horizon, 0.0).0, &at);
             let limit = mpc.settings.step_limit;
-            let corrections = mpc.solver.point().path.inputs.iter();
+            let corrections = mpc.solver.point().rollout.inputs.iter();
             let largest_m_s = corrections.fold(0.0_f64, |m, [_, steer]| m.max(steer.abs()));
             let first = (steer_m_s / largest_m_s).min(1.0);
             let before = mpc.cost_of(&mpc.plan, &horizon);

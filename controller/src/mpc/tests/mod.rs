@@ -17,7 +17,7 @@ mod stages;
 mod stagewise;
 mod step_limit;
 
-use super::assembling::assemble;
+use super::assembling::{COST_SCALE, assemble};
 use super::limits::{Change, InputLimits, MotorLimits};
 use super::stage::Stage;
 use super::*;

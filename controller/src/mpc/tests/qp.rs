@@ -1,7 +1,7 @@
 //! The solver against problems whose answers are known, and its failures.
 
 use super::*;
-use crate::mpc::stage_qp::Row;
+use crate::mpc::stage_qp::StageRow;
 use std::time::Duration;
 
 /// minimise 1/2 (x^2 + 2 y^2) + q'(x, y)   subject to   low <= x + y <= high,  x <= x_max,  y >= y_min
@@ -15,7 +15,7 @@ fn small([low, high]: [f64; 2], x_max: f64, y_min: f64, q: [f64; 2]) -> StageQp 
     let (rows, extra) = qp.rows_mut(0);
     rows[0].high = x_max;
     rows[2].low = y_min;
-    extra[0] = Row {
+    extra[0] = StageRow {
         by: [0.0, 0.0, 0.0, 1.0, 1.0],
         by_before: [0.0; 2],
         low,
@@ -34,7 +34,7 @@ fn solver(qp: StageQp) -> QpSolver {
 }
 
 fn inputs(solver: &QpSolver) -> [f64; 2] {
-    solver.point().path.inputs[0]
+    solver.point().rollout.inputs[0]
 }
 
 fn assert_near(found: [f64; 2], expected: [f64; 2]) {
@@ -252,7 +252,7 @@ fn a_solve_cut_short_ends_at_the_cheapest_point_between_two_that_meet_the_constr
 fn residuals_are_the_largest_terms_relative_to_what_they_sum() {
     let qp = of_three(10.0, [0.5, -1.0]);
     let mut point = qp.zeros();
-    point.path.inputs[0] = [1.0, 1.0];
+    point.rollout.inputs[0] = [1.0, 1.0];
     // Of the sum, 1 short; of x, which has 9 to spare; of y, which is 1 above its bound.
     let sum = qp.extra_rows(0).start;
     (
@@ -266,7 +266,7 @@ fn residuals_are_the_largest_terms_relative_to_what_they_sum() {
     assert!((residuals.primal - 1.0 / 3.0).abs() < 1e-12);
     assert!((residuals.dual - 4.0 / 2.0).abs() < 1e-12);
     assert!((residuals.gap - 6.75 / 2.0).abs() < 1e-12);
-    point.path.inputs[0] = [1.0, -5.0];
+    point.rollout.inputs[0] = [1.0, -5.0];
     assert!((qp.residuals(&point, &mut work).primal - 7.0 / 6.0).abs() < 1e-12);
 }
 

@@ -54,10 +54,10 @@ fn compare(solver: &mut QpSolver, qp: &StageQp, counts: &mut Counts, what: &str)
     match (found, expected) {
         (Ok(residuals), Ok(_)) => {
             let mut work = qp.work();
-            let mut cost = |solver: &QpSolver| qp.cost(&solver.point().path, &mut work);
+            let mut cost = |solver: &QpSolver| qp.cost(&solver.point().rollout, &mut work);
             let (cost, least) = (cost(solver), cost(&reference));
             // What the violation of rows that is let pass can be worth.
-            let values = (0..qp.rows().len()).map(|row| qp.value(row, &solver.point().path));
+            let values = (0..qp.rows().len()).map(|row| qp.value(row, &solver.point().rollout));
             let largest = values.fold(1.0_f64, |m, value| m.max(value.abs()));
             let price: f64 = reference.point().multipliers.iter().map(|y| y.abs()).sum();
             let worth = 2.0 * residuals.primal * largest * price;
@@ -89,7 +89,7 @@ fn compare(solver: &mut QpSolver, qp: &StageQp, counts: &mut Counts, what: &str)
 }
 
 /// Rows that bind without a force: ends at which a point is.
-fn degenerate(qp: &mut StageQp, path: &stage_qp::Path, random: &mut ChaCha8Rng) {
+fn degenerate(qp: &mut StageQp, path: &stage_qp::Rollout, random: &mut ChaCha8Rng) {
     for row in 0..qp.rows().len() {
         if within(random, 0.0, 1.0) < 0.2 {
             let value = qp.value(row, path);
@@ -138,7 +138,7 @@ fn compare_with_variants(qp: &StageQp, random: &mut ChaCha8Rng, counts: &mut Cou
     let mut solver = QpSolver::new(qp.clone(), QpSettings::default()).unwrap();
     solver.set_max_iterations(settings::ITERATIONS_MAX);
     compare(&mut solver, qp, counts, what);
-    let solution = solver.point().path.clone();
+    let solution = solver.point().rollout.clone();
     let mut spoiled = qp.clone();
     degenerate(&mut spoiled, &solution, random);
     compare(

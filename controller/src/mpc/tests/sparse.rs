@@ -52,8 +52,8 @@ proptest! {
             }
         }
         let mut work = solver.qp().work();
-        let nothing = solver.qp().cost(&solver.qp().zeros().path, &mut work);
-        let cost = solver.qp().cost(&solver.point().path, &mut work) - nothing;
+        let nothing = solver.qp().cost(&solver.qp().zeros().rollout, &mut work);
+        let cost = solver.qp().cost(&solver.point().rollout, &mut work) - nothing;
         let expected = 0.5 * dot(&primal, &p_x) + dot(&data.q, &primal);
         prop_assert!((cost - expected).abs() < 1e-9 * (1.0 + cost.abs()), "{} {}", cost, expected);
     }

@@ -67,12 +67,9 @@ pub fn any_stage() -> Stage {
 
 /// Returns the QP of stages about their inputs.
 pub fn qp_of(stages: &[Stage], previous: MotorSpeeds, limits: &InputLimits) -> StageQp {
-    let plan = Plan {
-        states: vec![Vector3::zeros(); stages.len() + 1],
-        inputs: stages.iter().map(|stage| stage.input).collect(),
-    };
+    let states = vec![Vector3::zeros(); stages.len() + 1];
     let mut qp = StageQp::new(stages.len(), !limits.treads_follow_from_motors(), 0);
-    assemble(&mut qp, stages, &plan, previous, limits, None);
+    assemble(&mut qp, stages, &states, previous, limits, None);
     qp
 }
 
@@ -87,7 +84,7 @@ pub fn assert_same_optimum(
     let mut solver = QpSolver::new(qp, QpSettings { mode, ..exact() }).unwrap();
     solver.solve(None).unwrap();
     let expected = optimal_corrections(stages, previous, limits);
-    let found = &solver.point().path.inputs;
+    let found = &solver.point().rollout.inputs;
     assert_eq!(found.len(), expected.len());
     for (k, (found, expected)) in found.iter().zip(&expected).enumerate() {
         let difference = (found[0] - expected[0])

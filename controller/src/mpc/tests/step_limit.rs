@@ -59,7 +59,7 @@ fn a_high_price_keeps_planned_inputs_and_a_new_plan_has_none() {
         mpc.damping.s2_per_m2 = price;
         let horizon = course.horizon(&mpc.settings);
         solve(&mut mpc, &horizon, None).unwrap();
-        let corrections = mpc.solver.point().path.inputs.iter();
+        let corrections = mpc.solver.point().rollout.inputs.iter();
         corrections_m_s.push(corrections.fold([0.0_f64; 2], |[traction, steer], own| {
             [traction.max(own[0].abs()), steer.max(own[1].abs())]
         }));
