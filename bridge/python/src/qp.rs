@@ -7,7 +7,8 @@ use sidehill_controller::mpc::{CscMatrix, Mpc, SolvedQp};
 /// The quadratic programme that an MPC solved in a control cycle, with its solution.
 ///
 /// minimise 1/2 x' P x + q' x subject to l <= A x <= u. The multipliers y have P x + q + A' y = 0, those of inequalities are
-/// not negative.
+/// not negative. x has, stage by stage, the deviations from the plan before: of (x, y, yaw) at the stage's end, and of
+/// traction and steer.
 #[pyclass(frozen, module = "sidehill")]
 pub struct Qp {
     solved: SolvedQp,
@@ -68,7 +69,7 @@ impl Qp {
         PyArray1::from_slice(py, &self.solved.data.q)
     }
 
-    /// A: array of shape (m, n), equalities first.
+    /// A: array of shape (m, n): the dynamics of all stages, then the limits of each stage, from above and from below in turn.
     #[getter]
     fn A<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         dense(py, &self.solved.data.a, false)

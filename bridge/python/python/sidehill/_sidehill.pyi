@@ -373,10 +373,10 @@ class Decision:
 class Qp:
     """The quadratic programme that an MPC solved in a control cycle, with its solution.
 
-    minimise 1/2 x' P x + q' x subject to l <= A x <= u. Its variables are corrections of the plan before: of the states
-    (x, y, yaw) at the begin of each block of stages but the first, and of the inputs (traction, steer) of its stages,
-    block by block. Rows of extra terms come last, each from above and from below, scaled. At the solution P x + q + A' y =
-    0, and multipliers y of inequalities are not negative.
+    minimise 1/2 x' P x + q' x subject to l <= A x <= u. Its variables are corrections of the plan before, stage by stage:
+    of the state (x, y, yaw) at the stage's end, and of its inputs (traction, steer). Rows are the dynamics of all stages,
+    then the limits of each stage, those of extra terms last and divided by their largest coefficient, each from above and
+    from below. At the solution P x + q + A' y = 0, and multipliers y of inequalities are not negative.
     """
 
     @property
