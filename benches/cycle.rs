@@ -169,15 +169,14 @@ fn horizons(
     settings: &MpcSettings,
     samples: &[(Sample, MotorSpeeds)],
 ) -> Vec<Horizon> {
-    let trajectory = trajectory();
+    let (trajectory, times) = (trajectory(), settings.stage_times());
     let mut previous = MotorSpeeds::STOP;
     samples
         .iter()
         .map(|(sample, command)| {
-            let targets = (1..=settings.stages)
+            let targets = (0..settings.stages)
                 .map(|k| {
-                    let end_s = settings.step_s * k as f64;
-                    let point = trajectory.at(sample.time_s + end_s);
+                    let point = trajectory.at(sample.time_s + times.end_s(k));
                     StageTarget {
                         tracked_point: TrackedPoint::ORIGIN,
                         pose: point.pose(),
@@ -231,9 +230,11 @@ fn replay_part(
         for (i, horizon) in horizons.iter().enumerate() {
             mpc.move_on(config.period_s, 1.0, &normal_in_world());
             if i == 0 {
-                mpc.try_first_plan(horizon, |end_s, _, _| {
-                    let stage = (end_s / settings.step_s).round() as usize;
-                    horizon.targets[stage.max(1) - 1]
+                // The first call is that of the horizon's begin.
+                let mut calls: usize = 0;
+                mpc.try_first_plan(horizon, |_, _, _| {
+                    calls += 1;
+                    horizon.targets[calls.saturating_sub(2)]
                 });
             }
             let start = Instant::now();

@@ -117,11 +117,11 @@ impl StageQp {
             let first = VARIABLES * k;
             let mut weight = terms.weight;
             let [by_yaw, by_inputs @ ..] = &terms.speed_row;
-            for m in 0..MOTORS {
+            for (m, by) in by_inputs.iter().enumerate() {
                 let own = STATES + m;
                 weight[own][own] += terms.change_weight[m];
-                for l in 0..MOTORS {
-                    weight[own][STATES + l] += terms.speed_weight * by_inputs[m] * by_inputs[l];
+                for (entry, other) in weight[own][STATES..].iter_mut().zip(by_inputs) {
+                    *entry += terms.speed_weight * by * other;
                 }
             }
             if let Some(next) = self.stages.get(k + 1) {
@@ -130,16 +130,16 @@ impl StageQp {
                     weight[STATES + m][STATES + m] += next.change_weight[m];
                 }
             }
-            for column in 0..VARIABLES {
-                for row in 0..=column {
-                    put(first + row, first + column, weight[row][column]);
+            for (row, entries) in weight.iter().enumerate() {
+                for (column, entry) in entries.iter().enumerate().skip(row) {
+                    put(first + row, first + column, *entry);
                 }
             }
             if let Some(before) = first.checked_sub(VARIABLES) {
-                for m in 0..MOTORS {
+                for (m, by) in by_inputs.iter().enumerate() {
                     let own = first + STATES + m;
                     put(before + STATES + m, own, -terms.change_weight[m]);
-                    put(before + 2, own, terms.speed_weight * by_yaw * by_inputs[m]);
+                    put(before + 2, own, terms.speed_weight * by_yaw * by);
                 }
             }
         }
