@@ -4,8 +4,8 @@ import ctypes
 import pathlib
 
 import numpy as np
-import scipy.sparse as sp
 
+from problems import STATES, VARIABLES
 from solvers import INFINITE, TOLERANCE, Dense, Solver
 
 
@@ -23,8 +23,8 @@ def pointer(array):
 
 
 class Hpipm(Solver):
-    """The QP as the optimal control problem that it is: a stage is a block, its state the block's first
-    state with the inputs before it, to which the cost of changes ties the block's own."""
+    """The QP as the optimal control problem that it is: a stage's state is that of the vehicle with the inputs before,
+    to which the cost of changes ties its own."""
 
     name = "hpipm"
     #: SPEED of hpipm_common.h
@@ -86,55 +86,42 @@ class Hpipm(Solver):
         return stages.read(self.lib, self.solution) if status.value == 0 else None
 
 
-class Block:
+class Stage:
     """One stage's matrices, column-major as HPIPM reads them."""
-
-    def __init__(self, nx, nu, ng):
-        self.nx, self.nu, self.ng = nx, nu, ng
 
 
 class Stages:
-    """A recorded QP without a corridor as HPIPM's optimal control problem."""
+    """A recorded QP as HPIPM's optimal control problem: what the recording has of a stage's end and inputs is the state of
+    the stage after it."""
 
     def __init__(self, qp):
         P, E, G = qp.P.toarray(), qp.E.toarray(), qp.G.toarray()
-        states = state_columns(E)
-        starts = [0] + [columns[0] for columns in states]
-        ends = starts[1:] + [len(qp.q)]
-        self.blocks, self.columns = [], []
-        before = None
+        count = len(qp.q) // VARIABLES
+        last_column = np.array([np.flatnonzero(row).max() for row in G])
         fortran = lambda matrix: np.array(matrix, dtype=float, order="F")  # noqa: E731
-        for k, (start, end) in enumerate(zip(starts, ends)):
-            x = list(range(start, start + 3)) if k else []
-            u = list(range(start + len(x), end))
-            carried = before[-2:] if before is not None else []
-            state = x + carried
-            rows = [
-                row for row in range(G.shape[0])
-                if np.flatnonzero(G[row]).max() in u
-            ]
-            block = Block(len(state), len(u), len(rows))
-            block.Q = np.zeros((block.nx, block.nx), order="F")
-            block.Q[: len(x), : len(x)] = P[np.ix_(x, x)]
-            # The last inputs of the block before cost there; here only their tie to the first ones.
-            block.S = fortran(P[np.ix_(u, state)])
-            block.R, block.r = fortran(P[np.ix_(u, u)]), qp.q[u].copy()
-            block.q = np.concatenate([qp.q[x], np.zeros(len(carried))])
-            block.C, block.D = fortran(G[np.ix_(rows, state)]), fortran(G[np.ix_(rows, u)])
-            clip = lambda bound: np.clip(bound, -INFINITE, INFINITE)  # noqa: E731
-            block.lg, block.ug = clip(qp.low[rows]), clip(qp.high[rows])
-            block.lbu, block.ubu = clip(qp.x_low[u]), clip(qp.x_high[u])
-            block.idxbu = np.arange(len(u), dtype=np.intc)
-            if k + 1 < len(starts):
-                own = slice(3 * k, 3 * k + 3)
-                block.A, block.B = np.zeros((5, block.nx), order="F"), np.zeros((5, block.nu), order="F")
-                block.A[:3, : len(x)], block.B[:3] = -E[own][:, x], -E[own][:, u]
-                block.B[3, -2], block.B[4, -1] = 1.0, 1.0
-                block.b = np.concatenate([qp.e[own], np.zeros(2)])
-            self.blocks.append(block)
-            self.columns.append((x, u))
-            before = u
-        self.size = len(qp.q)
+        clip = lambda bound: np.clip(bound, -INFINITE, INFINITE)  # noqa: E731
+        self.blocks, self.count = [], count
+        for k in range(count + 1):
+            x = np.arange(VARIABLES * (k - 1), VARIABLES * k) if k else np.arange(0)
+            own = np.arange(VARIABLES * k, VARIABLES * (k + 1)) if k < count else np.arange(0)
+            u = own[STATES:]
+            rows = np.flatnonzero(last_column // VARIABLES == k)
+            stage = Stage()
+            stage.nx, stage.nu, stage.ng = len(x), len(u), len(rows)
+            # What the inputs cost by themselves they cost as part of the next stage's state.
+            stage.Q, stage.q = fortran(P[np.ix_(x, x)]), qp.q[x].copy()
+            stage.S, stage.R, stage.r = fortran(P[np.ix_(u, x)]), np.zeros((len(u), len(u)), order="F"), np.zeros(len(u))
+            stage.C, stage.D = fortran(G[np.ix_(rows, x)]), fortran(G[np.ix_(rows, u)])
+            stage.lg, stage.ug = clip(qp.low[rows]), clip(qp.high[rows])
+            stage.lbu, stage.ubu = clip(qp.x_low[u]), clip(qp.x_high[u])
+            stage.idxbu = np.arange(len(u), dtype=np.intc)
+            if k < count:
+                dynamics = slice(STATES * k, STATES * (k + 1))
+                stage.A, stage.B = np.zeros((VARIABLES, len(x)), order="F"), np.zeros((VARIABLES, len(u)), order="F")
+                stage.A[:STATES], stage.B[:STATES] = -E[dynamics][:, x], -E[dynamics][:, u]
+                stage.B[STATES:] = np.eye(len(u))
+                stage.b = np.concatenate([qp.e[dynamics], np.zeros(len(u))])
+            self.blocks.append(stage)
         self.pointers = [self._array(name) for name in (
             "A", "B", "b", "Q", "S", "R", "q", "r", "idxbx", "lbx", "ubx", "idxbu", "lbu", "ubu", "C", "D",
             "lg", "ug", "Zl", "Zu", "zl", "zu", "idxs", "ls", "us",
@@ -148,23 +135,10 @@ class Stages:
         return array
 
     def read(self, lib, solution):
-        x = np.zeros(self.size)
-        for k, ((states, inputs), block) in enumerate(zip(self.columns, self.blocks)):
-            u, state = np.zeros(block.nu), np.zeros(max(block.nx, 1))
-            lib.d_ocp_qp_sol_get_u(k, solution, pointer(u))
-            x[inputs] = u
-            if block.nx:
-                lib.d_ocp_qp_sol_get_x(k, solution, pointer(state))
-                x[states] = state[:3]
-        return x
-
-
-def state_columns(E):
-    """Returns the columns of each block's state: those with the 1 of a continuity row."""
-    states = []
-    for row in range(0, E.shape[0], 3):
-        states.append([int(np.flatnonzero(E[row + i]).max()) for i in range(3)])
-    return states
+        x = np.zeros((self.count, VARIABLES))
+        for k in range(self.count):
+            lib.d_ocp_qp_sol_get_x(k + 1, solution, pointer(x[k]))
+        return x.ravel()
 
 
 class Qpoases(Dense):

@@ -78,10 +78,12 @@ def peer(path, kind, warm, patience_s):
     qps = (recording[i] for i in range(len(recording)))
     solver = kind(recording, warm)
     times, points = [], []
-    prepared = (solver.prepare(qp) for qp in qps)
     begin = time.monotonic()
     gc.disable()
-    for problem in prepared:
+    for qp in qps:
+        if kind.condensed:
+            qp = qp.condensed()
+        problem = solver.prepare(qp)
         start = time.perf_counter_ns()
         try:
             x = solver.solve(problem)
@@ -90,6 +92,8 @@ def peer(path, kind, warm, patience_s):
             if not points or points[-1] is not None:
                 print(f"    {kind.name}: {error}")
         times.append((time.perf_counter_ns() - start) / 1e3)
+        if x is not None and qp.lift is not None:
+            x = qp.lift @ x
         points.append(None if x is None else np.asarray(x))
         if time.monotonic() - begin > patience_s:
             break

@@ -1,13 +1,17 @@
 """The QPs that `sidehill simulate --record-qps FILE` wrote, in the forms that solvers take.
 
 As recorded: minimise 1/2 x' P x + q' x subject to A x + s = b, where s = 0 in the first rows and s >= 0
-in the others; all QPs of a file have one sparsity pattern.
+in the others; all QPs of a file have one sparsity pattern. x has, stage by stage, the state at a stage's end and its
+inputs.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
+
+#: Variables of a stage, of which the first are its state.
+VARIABLES, STATES = 5, 3
 
 
 @dataclass
@@ -28,6 +32,8 @@ class Qp:
     high: np.ndarray
     x_low: np.ndarray
     x_high: np.ndarray
+    #: x of the recorded QP by that of a condensed one.
+    lift: np.ndarray | None = None
 
     def cost(self, x):
         return 0.5 * x @ (self.P @ x) + self.q @ x
@@ -37,6 +43,30 @@ class Qp:
         rest = self.A @ x - self.b
         first = self.equalities
         return max(np.abs(rest[:first]).max(initial=0.0), rest[first:].max(initial=0.0))
+
+
+    def condensed(self):
+        """Returns the same QP of the inputs alone, with dense matrices."""
+        inputs = np.arange(len(self.q)) % VARIABLES >= STATES
+        E, own = self.E.toarray(), np.eye(len(self.q))[:, inputs]
+        own[~inputs] = -np.linalg.solve(E[:, ~inputs], E[:, inputs])
+        P = own.T @ (self.P @ own)
+        return Qp(
+            P=sp.csc_matrix(P),
+            P_upper=sp.csc_matrix(np.triu(P)),
+            q=own.T @ self.q,
+            A=None,
+            b=None,
+            equalities=0,
+            E=sp.csc_matrix((0, P.shape[0])),
+            e=np.zeros(0),
+            G=sp.csc_matrix(self.G @ own),
+            low=self.low,
+            high=self.high,
+            x_low=self.x_low[inputs],
+            x_high=self.x_high[inputs],
+            lift=own,
+        )
 
 
 class Recording:

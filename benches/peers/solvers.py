@@ -17,6 +17,8 @@ class Solver:
     name = ""
     #: Whether it can make use of the QP before.
     can_warm = True
+    #: Whether it gets the QP of the inputs alone: it knows nothing of zeros.
+    condensed = False
 
     def __init__(self, recording, warm):
         self.recording, self.warm = recording, warm
@@ -130,6 +132,8 @@ class PiqpMultistage(Piqp):
 class Dense(Solver):
     """Base of those that take dense matrices."""
 
+    condensed = True
+
     def prepare(self, qp):
         return qp, qp.P.toarray(), np.asarray(sp.vstack([qp.E, qp.G]).toarray())
 
@@ -160,6 +164,7 @@ class Daqp(Dense):
 
 class Proxqp(Solver):
     name = "proxqp"
+    condensed = True
 
     def __init__(self, recording, warm):
         super().__init__(recording, warm)
@@ -226,6 +231,7 @@ class Ecos(Solver):
     """A QP as a second-order cone program, by qpsolvers."""
 
     name = "ecos"
+    condensed = True
     can_warm = False
 
     def __init__(self, recording, warm):
@@ -236,8 +242,10 @@ class Ecos(Solver):
         self.function = ecos_solve_qp
 
     def prepare(self, qp):
-        first, rows = qp.equalities, qp.A.tocsr()
-        return qp.P.toarray(), qp.q, rows[first:].toarray(), qp.b[first:], rows[:first].toarray(), qp.b[:first]
+        rows = np.vstack([qp.G.toarray(), np.eye(len(qp.q))])
+        low, high = np.concatenate([qp.low, qp.x_low]), np.concatenate([qp.high, qp.x_high])
+        above, below = np.isfinite(high), np.isfinite(low)
+        return qp.P.toarray(), qp.q, np.vstack([rows[above], -rows[below]]), np.concatenate([high[above], -low[below]])
 
     def solve(self, parts):
         return self.function(*parts)
