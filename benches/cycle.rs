@@ -128,20 +128,16 @@ fn cycle(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// The whole cycle at 40 stages: by the rows that bind, by the interior-point method in each cycle, and by
-/// clarabel's defaults made new each cycle.
+/// The whole cycle at 40 stages: by the active rows, and by the interior-point method in each cycle.
 fn solver_modes(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("cycle_40_stages");
-    let working_set = horizon(40);
-    let samples = drive(&working_set);
-    let mut in_place = working_set.clone();
-    in_place.solver.mode = QpMode::InPlace;
-    let mut fresh = working_set.clone();
-    fresh.solver.mode = QpMode::FreshDefaults;
+    let active_set = horizon(40);
+    let samples = drive(&active_set);
+    let mut interior_point = active_set.clone();
+    interior_point.solver.mode = QpMode::InteriorPoint;
     for (name, config) in [
-        ("working_set", &working_set),
-        ("in_place", &in_place),
-        ("fresh_defaults", &fresh),
+        ("active_set", &active_set),
+        ("interior_point", &interior_point),
     ] {
         group.bench_function(name, |bencher| {
             bencher.iter_custom(|count| replay(config, &samples, count));
@@ -310,7 +306,7 @@ fn end_of_grip(stages: usize) -> Vec<StageQp> {
 }
 
 /// Returns the time that a solver takes for `count` QPs of `qps`, in their order, of those that the
-/// working set solves in the way of `path`.
+/// active set solves in the way of `path`.
 fn replay_solves(qps: &[StageQp], mode: QpMode, path: SolvePath, count: u64) -> Duration {
     let settings = QpSettings {
         mode,
@@ -343,13 +339,9 @@ fn replay_solves(qps: &[StageQp], mode: QpMode, path: SolvePath, count: u64) -> 
 /// rows that bind, and the same by the interior-point method.
 fn solves(criterion: &mut Criterion) {
     for (name, mode, path) in [
-        ("solve_relaxed", QpMode::WorkingSet, SolvePath::Relaxed),
-        (
-            "solve_working_set",
-            QpMode::WorkingSet,
-            SolvePath::WorkingSet,
-        ),
-        ("solve_whole", QpMode::InPlace, SolvePath::WorkingSet),
+        ("solve_relaxed", QpMode::ActiveSet, SolvePath::Relaxed),
+        ("solve_active_set", QpMode::ActiveSet, SolvePath::ActiveSet),
+        ("solve_whole", QpMode::InteriorPoint, SolvePath::ActiveSet),
     ] {
         let mut group = criterion.benchmark_group(name);
         for stages in HORIZONS {

@@ -4,7 +4,7 @@
 //!     cargo run --release --example solve_qps -- QPS.npz RESULT.npz
 //!
 //! QPS.npz is what `sidehill simulate --record-qps` writes. RESULT.npz gets for each way of solving
-//! (`working_set`, `in_place`, `fresh_defaults`) the points `..._x`, a row each, and the times
+//! (`active_set`, `interior_point`) the points `..._x`, a row each, and the times
 //! `..._us`, and `reference_x`, the interior-point method's at a tolerance of 1e-9.
 
 use anyhow::{Context, Result, ensure};
@@ -29,16 +29,15 @@ fn main() -> Result<()> {
     let settings = QpSettings::default();
     let mode = |mode| QpSettings { mode, ..settings };
     let exact = QpSettings {
-        mode: QpMode::InPlace,
+        mode: QpMode::InteriorPoint,
         tolerance: EXACT,
         max_iterations: 100,
         ..settings
     };
     let mut npz = NpzWriter::new(File::create(result)?);
     for (name, settings) in [
-        ("working_set", mode(QpMode::WorkingSet)),
-        ("in_place", mode(QpMode::InPlace)),
-        ("fresh_defaults", mode(QpMode::FreshDefaults)),
+        ("active_set", mode(QpMode::ActiveSet)),
+        ("interior_point", mode(QpMode::InteriorPoint)),
         ("reference", exact),
     ] {
         let (points, times_us) = solve_all(&qps, settings)?;

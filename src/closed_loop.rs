@@ -250,7 +250,7 @@ impl<S: Deref<Target = Prepared>, P: Plant, C: Driver> Drive<S, P, C> {
             fallbacks: figures.fallbacks,
             deadline_misses: figures.deadline_misses,
             qp_iterations_mean: iterations as f64 / solves.clone().count().max(1) as f64,
-            qp_working_set: solved(SolvePath::WorkingSet),
+            qp_working_set: solved(SolvePath::ActiveSet),
             qp_interior_point: solved(SolvePath::InteriorPoint),
             qp_cut_short: solved(SolvePath::CutShort),
             solve_us: Quantiles::of(solves.map(|row| row.solve_us).collect()),

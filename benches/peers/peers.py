@@ -68,7 +68,7 @@ def own_solver(path):
     result = path.with_suffix(".solved.npz")
     cargo("--example", "solve_qps", "--", str(path), str(result))
     with np.load(result) as data:
-        for mode in ("working_set", "in_place", "fresh_defaults"):
+        for mode in ("active_set", "interior_point"):
             yield f"sidehill {mode}", data[f"{mode}_us"], data[f"{mode}_x"]
 
 

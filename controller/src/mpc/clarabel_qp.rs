@@ -1,7 +1,7 @@
 //! Clarabel's interior-point method. No other file calls the solver.
 
 use super::failure::QpFailure;
-use super::settings::{ITERATIONS_MAX, QpMode, QpSettings};
+use super::settings::{ITERATIONS_MAX, QpSettings};
 use super::solve_limits::SolveLimits;
 use super::sparse::QpData;
 use clarabel::solver::{
@@ -121,21 +121,20 @@ impl InteriorPoint {
 }
 
 fn clarabel_settings(settings: &QpSettings) -> DefaultSettings<f64> {
-    let mut clarabel = DefaultSettings::<f64>::default();
-    if settings.mode != QpMode::FreshDefaults {
+    DefaultSettings {
         // Updates in place need the data as given; the QP is already scaled, so neither
         // equilibration nor iterative refinement is worth its time.
-        clarabel.presolve_enable = false;
-        clarabel.equilibrate_enable = false;
-        clarabel.iterative_refinement_enable = false;
-        clarabel.direct_solve_method = "qdldl".into();
-        clarabel.max_iter = ITERATIONS_MAX;
-        clarabel.tol_gap_abs = settings.tolerance;
-        clarabel.tol_gap_rel = settings.tolerance;
-        clarabel.tol_feas = settings.tolerance;
+        presolve_enable: false,
+        equilibrate_enable: false,
+        iterative_refinement_enable: false,
+        direct_solve_method: "qdldl".into(),
+        max_iter: ITERATIONS_MAX,
+        tol_gap_abs: settings.tolerance,
+        tol_gap_rel: settings.tolerance,
+        tol_feas: settings.tolerance,
+        verbose: false,
+        ..DefaultSettings::default()
     }
-    clarabel.verbose = false;
-    clarabel
 }
 
 fn build(data: &QpData, settings: DefaultSettings<f64>) -> Result<DefaultSolver<f64>, QpFailure> {

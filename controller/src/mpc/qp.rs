@@ -21,8 +21,9 @@ use std::sync::Arc;
 pub enum SolvePath {
     /// No inequality is active.
     Relaxed,
-    /// By an active-set method.
-    WorkingSet,
+    /// With the active rows.
+    #[serde(rename = "working_set")]
+    ActiveSet,
     /// By the interior-point method.
     InteriorPoint,
     /// Cut short by the deadline or the iteration limit: a feasible point that costs less than no
@@ -172,7 +173,7 @@ impl QpSolver {
             return Err(QpFailure::NotFinite);
         }
         self.limits.set_deadline(deadline);
-        if self.settings.mode == QpMode::WorkingSet {
+        if self.settings.mode == QpMode::ActiveSet {
             let found = self
                 .active_set
                 .find(&self.qp, &mut self.point, &self.limits);
@@ -184,7 +185,7 @@ impl QpSolver {
                 let residuals = self.residuals();
                 if residuals.within(SHARPER * self.settings.tolerance) {
                     self.path = if self.active_set.binds() {
-                        SolvePath::WorkingSet
+                        SolvePath::ActiveSet
                     } else {
                         SolvePath::Relaxed
                     };
@@ -203,12 +204,7 @@ impl QpSolver {
     fn solve_whole(&mut self) -> Result<Residuals, QpFailure> {
         let before = self.iterations;
         self.sparse.write(&self.qp);
-        match self.settings.mode {
-            QpMode::WorkingSet | QpMode::InPlace => {
-                self.interior_point.update(&self.sparse.data)?;
-            }
-            QpMode::FreshDefaults => self.rebuild()?,
-        }
+        self.interior_point.update(&self.sparse.data)?;
         let (ending, iterations) = self.interior_point.solve();
         self.iterations = before + iterations;
         self.take_point();

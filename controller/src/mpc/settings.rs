@@ -75,18 +75,14 @@ impl HeadingExcess {
 /// Largest number of iterations of any solve.
 pub const ITERATIONS_MAX: u32 = 100;
 
-/// How the QP is handed to the solver.
+/// How a QP is solved.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum QpMode {
-    /// By the rows that bind, beginning with those of the cycle before, and by the interior-point
-    /// method where they are not found.
-    WorkingSet,
-    /// By the interior-point method, with one solver made at start, updated in place, set up for small
-    /// well-scaled QPs.
-    InPlace,
-    /// By the interior-point method, with a solver of clarabel's defaults made new in each cycle: what
-    /// tests and benches compare with.
-    FreshDefaults,
+    /// By its active rows, beginning with those of the cycle before, and by the interior-point method where they are not
+    /// found.
+    ActiveSet,
+    /// By the interior-point method: what tests and benches compare with.
+    InteriorPoint,
 }
 
 /// Limits and tolerances of a solve.
@@ -110,7 +106,7 @@ pub struct QpSettings {
 impl Default for QpSettings {
     fn default() -> Self {
         Self {
-            mode: QpMode::WorkingSet,
+            mode: QpMode::ActiveSet,
             max_iterations: 60,
             tolerance: 1e-6,
             accepted_residual: 1e-3,

@@ -89,7 +89,7 @@ fn assert_keeps_limits(mpc: &Mpc, mut before: MotorSpeeds) {
 
 #[test]
 fn a_solve_cut_short_keeps_the_limits_and_is_better_than_no_change() {
-    let mut pushed = Pushed::new(QpMode::InPlace);
+    let mut pushed = Pushed::new(QpMode::InteriorPoint);
     for cycle in 0..60 {
         if cycle == 10 {
             pushed.mpc.solver.set_max_iterations(4);
@@ -107,7 +107,7 @@ fn a_solve_cut_short_keeps_the_limits_and_is_better_than_no_change() {
 #[test]
 fn a_solve_with_extra_rows_that_is_cut_short_fails_and_one_with_extra_costs_does_not() {
     for rows in [false, true] {
-        let mut pushed = Pushed::new(QpMode::InPlace);
+        let mut pushed = Pushed::new(QpMode::InteriorPoint);
         let wide = ExtraRow {
             by: [1.0, 0.0, 0.0, 0.0, 0.0],
             low: -100.0,
@@ -130,7 +130,7 @@ fn a_solve_with_extra_rows_that_is_cut_short_fails_and_one_with_extra_costs_does
 
 #[test]
 fn a_deadline_anywhere_in_a_solve_leaves_a_point_that_keeps_the_limits() {
-    for mode in [QpMode::WorkingSet, QpMode::InPlace] {
+    for mode in [QpMode::ActiveSet, QpMode::InteriorPoint] {
         let mut pushed = Pushed::new(mode);
         let mut late = 0;
         for cycle in 0..400 {

@@ -35,7 +35,7 @@ fn motors(traction_m_s: f64, steer_m_s: f64) -> MotorSpeeds {
 /// Settings of a solver that is to be as exact as it can.
 fn exact() -> QpSettings {
     QpSettings {
-        mode: QpMode::InPlace,
+        mode: QpMode::InteriorPoint,
         max_iterations: 100,
         tolerance: 1e-10,
         accepted_residual: 1e-6,

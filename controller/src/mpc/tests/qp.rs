@@ -42,7 +42,7 @@ fn assert_near(found: [f64; 2], expected: [f64; 2]) {
     assert!(near(0) && near(1), "{found:?}, expected {expected:?}");
 }
 
-const MODES: [QpMode; 3] = [QpMode::WorkingSet, QpMode::InPlace, QpMode::FreshDefaults];
+const MODES: [QpMode; 2] = [QpMode::ActiveSet, QpMode::InteriorPoint];
 
 #[test]
 fn known_optima_are_found_and_their_residuals_vanish() {
@@ -83,8 +83,8 @@ fn the_rows_that_bind_are_found_and_kept_for_the_next_solve() {
     let bound = || small([-9.0, 9.0], 0.5, -9.0, [-1.0, -2.0]);
     assert_eq!(solve(free(), [1.0, 1.0]), (SolvePath::Relaxed, 1));
     // The first set has no row, the next one the bound; then it is known.
-    assert_eq!(solve(bound(), [0.5, 1.0]), (SolvePath::WorkingSet, 2));
-    assert_eq!(solve(bound(), [0.5, 1.0]), (SolvePath::WorkingSet, 1));
+    assert_eq!(solve(bound(), [0.5, 1.0]), (SolvePath::ActiveSet, 2));
+    assert_eq!(solve(bound(), [0.5, 1.0]), (SolvePath::ActiveSet, 1));
     assert_eq!(solve(free(), [1.0, 1.0]), (SolvePath::Relaxed, 1));
 }
 
@@ -290,8 +290,8 @@ proptest! {
         ),
     ) {
         let mut updated = solver(of_three(10.0, [0.0, 0.0]));
-        let settings = QpSettings { mode: QpMode::WorkingSet, ..exact() };
-        let mut working_set = QpSolver::new(of_three(10.0, [0.0, 0.0]), settings).unwrap();
+        let settings = QpSettings { mode: QpMode::ActiveSet, ..exact() };
+        let mut active_set = QpSolver::new(of_three(10.0, [0.0, 0.0]), settings).unwrap();
         for ([p_x, p_y, q_x, q_y, sum, x_max], slope) in problems {
             let mut qp = small([sum; 2], x_max, 0.0, [q_x, q_y]);
             (qp.stages[0].weight[3][3], qp.stages[0].weight[4][4]) = (p_x, p_y);
@@ -302,9 +302,9 @@ proptest! {
             prop_assert_eq!(updated.solve(None), expected);
             prop_assert_eq!(inputs(&updated), inputs(&fresh));
             prop_assert!(expected.is_ok(), "{:?}", expected);
-            *working_set.qp_mut() = qp;
-            prop_assert!(working_set.solve(None).is_ok());
-            for (found, expected) in inputs(&working_set).iter().zip(inputs(&fresh)) {
+            *active_set.qp_mut() = qp;
+            prop_assert!(active_set.solve(None).is_ok());
+            for (found, expected) in inputs(&active_set).iter().zip(inputs(&fresh)) {
                 prop_assert!((found - expected).abs() < 1e-5, "{} {}", found, expected);
             }
         }

@@ -106,7 +106,7 @@ proptest! {
         stages in prop::collection::vec(stage(), 2..22),
         previous in (-0.6..0.6_f64, -0.5..0.5_f64),
         tread_speed_m_s in prop_oneof![Just(2.0), 1.1..1.7_f64],
-        mode in prop_oneof![Just(QpMode::WorkingSet), Just(QpMode::InPlace)],
+        mode in prop_oneof![Just(QpMode::ActiveSet), Just(QpMode::InteriorPoint)],
     ) {
         let limits = input_limits(tread_speed_m_s);
         assert_same_optimum(&stages, motors(previous.0, previous.1), &limits, mode);

@@ -161,7 +161,7 @@ fn solve_times_are_counted_once_and_the_oldest_are_dropped() {
         newest.time_s = index as f64;
         newest.solve = Some(SolveReport {
             iterations: 5,
-            path: SolvePath::WorkingSet,
+            path: SolvePath::ActiveSet,
             residuals: Residuals {
                 primal: 0.0,
                 dual: 0.0,
