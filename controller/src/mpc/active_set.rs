@@ -125,9 +125,9 @@ impl ActiveSet {
         }
     }
 
-    /// Finds the feedback of a QP's cost, rows left out, unless the last search did; returns whether there is one.
+    /// Finds the feedback of a QP's cost, rows left out, as a search does; returns whether there is one.
     pub fn find_feedback(&mut self, qp: &StageQp) -> bool {
-        self.points > 0 || self.recursion.factorise(&qp.stages)
+        self.recursion.factorise(&qp.stages)
     }
 
     /// Returns by how much the state at the stages' ends changes where that at the first one's begin changes by `start`.

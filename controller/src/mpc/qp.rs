@@ -39,6 +39,8 @@ pub struct QpSolver {
     qp: StageQp,
     settings: QpSettings,
     active_set: ActiveSet,
+    /// Whether the active set knows the feedback of the QP as it is.
+    has_feedback: bool,
     sparse: Sparse,
     interior_point: InteriorPoint,
     limits: Arc<SolveLimits>,
@@ -59,6 +61,7 @@ impl Clone for QpSolver {
             qp: self.qp.clone(),
             settings: self.settings,
             active_set: self.active_set.clone(),
+            has_feedback: self.has_feedback,
             sparse: self.sparse.clone(),
             interior_point: self.interior_point.copy_within(&limits),
             limits,
@@ -84,6 +87,7 @@ impl QpSolver {
         let point = qp.zeros();
         Ok(Self {
             active_set: ActiveSet::new(&qp),
+            has_feedback: false,
             interior_point: InteriorPoint::new(&sparse.data, &settings, &limits)?,
             sparse,
             from: point.rollout.clone(),
@@ -101,6 +105,7 @@ impl QpSolver {
 
     /// Returns the QP for the next solve, to be overwritten in place.
     pub fn qp_mut(&mut self) -> &mut StageQp {
+        self.has_feedback = false;
         &mut self.qp
     }
 
@@ -138,7 +143,8 @@ impl QpSolver {
 
     /// Finds the feedback that the last QP's cost asks for, rows left out, for [`Self::answer`]; returns whether there is one.
     pub(super) fn find_feedback(&mut self) -> bool {
-        self.active_set.find_feedback(&self.qp)
+        self.has_feedback = self.has_feedback || self.active_set.find_feedback(&self.qp);
+        self.has_feedback
     }
 
     /// Returns by how much the state at the stages' ends changes where that at the first one's begin changes by `start`.
@@ -178,6 +184,7 @@ impl QpSolver {
                 .active_set
                 .find(&self.qp, &mut self.point, &self.limits);
             self.iterations = self.active_set.points();
+            self.has_feedback = self.iterations > 0;
             let found = found.map_err(|()| QpFailure::Deadline {
                 iterations: self.iterations,
             })?;

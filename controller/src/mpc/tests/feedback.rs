@@ -1,7 +1,7 @@
 //! The feedback of a plan is what its QP answers.
 
 use super::active_set::minimum;
-use super::stages::{qp_of, stage};
+use super::stages::{any_stage, qp_of, stage};
 use super::*;
 
 proptest! {
@@ -40,5 +40,41 @@ proptest! {
                 prop_assert!((own - expected).abs() < 1e-9, "stage {k}: {own} {expected}");
             }
         }
+    }
+}
+
+#[test]
+fn feedback_is_that_of_the_qp_as_it_is() {
+    let limits = input_limits(2.0);
+    let [first, second] = [0.02, 0.5].map(|damping| {
+        let stages = [Stage {
+            damping,
+            ..any_stage()
+        }; 8];
+        qp_of(&stages, motors(0.3, -0.2), &limits)
+    });
+    for mode in [QpMode::ActiveSet, QpMode::InteriorPoint] {
+        let settings = QpSettings {
+            mode,
+            ..QpSettings::default()
+        };
+        let answer = |qp: &StageQp, solved: bool| {
+            let mut solver = QpSolver::new(first.clone(), settings).unwrap();
+            solver.solve(None).unwrap();
+            assert!(solver.find_feedback());
+            solver.qp_mut().clone_from(qp);
+            if solved {
+                solver.solve(None).unwrap();
+            }
+            assert!(solver.find_feedback());
+            solver.answer([0.1, 0.0, 0.0]).collect::<Vec<_>>()
+        };
+        assert_eq!(answer(&second, false), answer(&second, true));
+        assert_ne!(answer(&second, true), answer(&first, true));
+        let mut solver = QpSolver::new(first.clone(), settings).unwrap();
+        solver.solve(None).unwrap();
+        solver.qp_mut().stages[3].weight[0][0] = f64::NAN;
+        assert_eq!(solver.solve(None), Err(QpFailure::NotFinite));
+        assert!(!solver.find_feedback());
     }
 }
