@@ -134,7 +134,7 @@ pub(super) struct FitStage<'a> {
     pub(super) names: &'a [&'static str],
     pub(super) model: KinematicModel,
     pub(super) baseline: KinematicModel,
-    pub(super) vehicle_with: &'a dyn Fn(&[f64]) -> Vehicle,
+    pub(super) vehicle_with: &'a (dyn Fn(&[f64]) -> Vehicle + Sync),
     /// Pull back to the start for each unit of each parameter, m.
     pub(super) pull_m: &'a [f64],
 }

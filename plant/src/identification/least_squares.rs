@@ -7,7 +7,7 @@ use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
 
 /// A function whose sum of squares is to be minimised.
-pub(super) trait Residuals {
+pub(super) trait Residuals: Sync {
     /// Returns the residuals at `parameters`, always the same number of them.
     fn residuals(&self, parameters: &[f64]) -> Vec<f64>;
 }
@@ -15,22 +15,29 @@ pub(super) trait Residuals {
 /// Step of the central differences, in units of the parameters, which are all of order 0.1 to 10.
 const STEP: f64 = 1e-5;
 
-/// Returns the columns of the residuals' Jacobian, by central differences.
+/// Returns the columns of the residuals' Jacobian, by central differences, each in a thread of its own.
 pub(super) fn jacobian_columns(problem: &impl Residuals, parameters: &[f64]) -> Vec<Vec<f64>> {
-    (0..parameters.len())
-        .map(|index| {
-            let at = |offset: f64| {
-                let mut moved = parameters.to_vec();
-                moved[index] += offset;
-                problem.residuals(&moved)
-            };
-            let (up, down) = (at(STEP), at(-STEP));
-            up.iter()
-                .zip(&down)
-                .map(|(up, down)| (up - down) / (2.0 * STEP))
-                .collect()
-        })
-        .collect()
+    let column = |index: usize| -> Vec<f64> {
+        let at = |offset: f64| {
+            let mut moved = parameters.to_vec();
+            moved[index] += offset;
+            problem.residuals(&moved)
+        };
+        let (up, down) = (at(STEP), at(-STEP));
+        up.iter()
+            .zip(&down)
+            .map(|(up, down)| (up - down) / (2.0 * STEP))
+            .collect()
+    };
+    std::thread::scope(|scope| {
+        let start = |index| scope.spawn(move || column(index));
+        let columns: Vec<_> = (0..parameters.len()).map(start).collect();
+        let ended = columns.into_iter().map(|column| {
+            let found = column.join();
+            found.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        });
+        ended.collect()
+    })
 }
 
 /// Returns the parameters of the least sum of squares, searched from `start`, and whether the search

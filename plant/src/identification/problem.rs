@@ -15,7 +15,7 @@ pub(super) struct Problem<'a> {
     pub(super) segments: &'a [Segment<'a>],
     pub(super) model: KinematicModel,
     /// Puts the free parameters into a vehicle.
-    pub(super) vehicle: &'a dyn Fn(&[f64]) -> Vehicle,
+    pub(super) vehicle: &'a (dyn Fn(&[f64]) -> Vehicle + Sync),
     /// The attitudes between the rows of every segment, which no parameter changes.
     tilts: Vec<Vec<StepTilts>>,
     /// Weight of every pose of every segment in turn.
@@ -37,7 +37,7 @@ impl<'a> Problem<'a> {
     pub(super) fn new(
         segments: &'a [Segment<'a>],
         model: KinematicModel,
-        vehicle: &'a dyn Fn(&[f64]) -> Vehicle,
+        vehicle: &'a (dyn Fn(&[f64]) -> Vehicle + Sync),
         pull: Pull<'a>,
     ) -> Self {
         let poses = segments.iter().map(pose_count).sum();
