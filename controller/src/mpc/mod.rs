@@ -240,7 +240,9 @@ impl Mpc {
     /// # Errors
     /// [`QpFailure`] where the solver does not take the problem.
     pub fn new(settings: MpcSettings, model: impl Into<Model>) -> Result<Self, QpFailure> {
-        let solver = Self::solver(&settings, 0)?;
+        let tread_rows = !settings.limits.treads_follow_from_motors();
+        let qp = StageQp::new(settings.stages, tread_rows, 0);
+        let solver = QpSolver::new(qp, settings.qp)?;
         let plan = Plan {
             states: vec![Vector3::zeros(); settings.stages + 1],
             inputs: vec![MotorSpeeds::STOP; settings.stages],
@@ -262,13 +264,6 @@ impl Mpc {
         };
         mpc.stages.reserve_exact(mpc.settings.stages);
         Ok(mpc)
-    }
-
-    /// Returns the solver of QPs with so many extra rows a stage.
-    fn solver(settings: &MpcSettings, extra_rows: usize) -> Result<QpSolver, QpFailure> {
-        let tread_rows = !settings.limits.treads_follow_from_motors();
-        let qp = StageQp::new(settings.stages, tread_rows, extra_rows);
-        QpSolver::new(qp, settings.qp)
     }
 
     /// Returns the plan in force; none before the first solution, and after
@@ -311,7 +306,8 @@ impl Mpc {
         let rows = |terms: Option<&ExtraTerms>| terms.map_or(0, ExtraTerms::rows_per_stage);
         let needed = rows(terms.as_ref());
         if needed != rows(self.extra.as_ref().map(|extra| &extra.terms)) {
-            self.solver = Self::solver(&self.settings, needed)?;
+            let qp = self.solver.qp().with_extra_rows(needed);
+            self.solver = QpSolver::new(qp, self.settings.qp)?;
         }
         self.extra = terms.map(|terms| Box::new(Extra::new(terms)));
         // The plan's cost was that of other terms.

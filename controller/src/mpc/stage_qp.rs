@@ -211,6 +211,11 @@ impl StageQp {
         }
     }
 
+    /// Returns a QP of the same stages and rows of inputs with other extra rows.
+    pub fn with_extra_rows(&self, extra_rows: usize) -> Self {
+        Self::new(self.stages.len(), self.input_rows > 2 * MOTORS, extra_rows)
+    }
+
     /// Returns the number of rows of each stage that limit inputs and their changes.
     pub fn input_rows(&self) -> usize {
         self.input_rows
