@@ -115,13 +115,10 @@ impl ActiveSet {
     pub fn begin_with(&mut self, qp: &StageQp, point: &Point) {
         let rows = qp.rows().iter().zip(&point.multipliers);
         for (row, (side, (own, multiplier))) in self.sides.iter_mut().zip(rows).enumerate() {
-            let pressed = multiplier.signum();
-            let slack = -own.excess_on(pressed, qp.value(row, &point.rollout));
-            *side = match () {
-                () if multiplier.abs() <= slack.max(0.0) => 0,
-                () if pressed > 0.0 => 1,
-                () => -1,
-            };
+            let pressed = if *multiplier > 0.0 { 1 } else { -1 };
+            let slack = -own.excess_on(f64::from(pressed), qp.value(row, &point.rollout));
+            let presses = multiplier.abs() > slack.max(0.0);
+            *side = if presses { pressed } else { 0 };
         }
     }
 

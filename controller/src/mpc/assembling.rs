@@ -3,15 +3,15 @@
 use super::extra::{ExtraRow, ExtraTerms, product, row_size, values};
 use super::limits::{Change, InputLimits};
 use super::stage::Stage;
-use super::stage_qp::{MOTORS, StageQp, StageRow, VARIABLES};
+use super::stage_qp::{MOTORS, StageQp, StageRow, VARIABLES, dot};
 use nalgebra::Vector3;
 use sidehill_plant::speeds::MotorSpeeds;
 
 /// Factor on all costs: brings the QP's numbers near 1, where clarabel's tolerances are meant.
 pub const COST_SCALE: f64 = 10.0;
 
-/// Writes the QP of `stages` about a plan with these `states`, which begins in the present state; `previous` is the input in force, `extra` are
-/// terms with as many rows as there is room for. Allocates nothing.
+/// Writes the QP of `stages` about a plan with these `states`, the present one first; `previous` is the input in force,
+/// `extra` are terms with as many rows as there is room for. Allocates nothing.
 pub fn assemble(
     qp: &mut StageQp,
     stages: &[Stage],
@@ -27,11 +27,8 @@ pub fn assemble(
         qp.stages[k] = stage.terms(change, COST_SCALE);
         if let Some(extra) = extra {
             let z = values(&states[k + 1], stage.input, states[0].z);
-            let terms = &mut qp.stages[k];
-            let (weight, pull) = (
-                extra.weight(k),
-                product(extra.weight(k), &extra.error(k, &z)),
-            );
+            let (terms, weight) = (&mut qp.stages[k], extra.weight(k));
+            let pull = product(weight, &extra.error(k, &z));
             for i in 0..VARIABLES {
                 terms.force[i] += COST_SCALE * pull[i];
                 for (entry, weight) in terms.weight[i].iter_mut().zip(&weight[i]) {
@@ -67,7 +64,7 @@ impl StageRow {
     /// Becomes an extra row about z, divided by its size.
     fn write(&mut self, row: &ExtraRow, z: &[f64; VARIABLES]) {
         let size = row_size(row);
-        let value: f64 = row.by.iter().zip(z).map(|(by, z)| by * z).sum();
+        let value = dot(&row.by, z);
         self.by = row.by.map(|by| by / size);
         self.between((row.low - value) / size, (row.high - value) / size);
     }

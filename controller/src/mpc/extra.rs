@@ -12,6 +12,7 @@
 //! 1977).
 
 use super::failure::QpFailure;
+use super::stage_qp::dot;
 use nalgebra::{SMatrix, Vector3};
 use sidehill_plant::frames::wrap_angle;
 use sidehill_plant::speeds::MotorSpeeds;
@@ -244,11 +245,6 @@ pub(super) fn row_size(row: &ExtraRow) -> f64 {
     row.by
         .iter()
         .fold(f64::MIN_POSITIVE, |m, by| m.max(by.abs()))
-}
-
-/// Returns the product of two vectors.
-fn dot(a: &[f64; EXTRA_SIZE], b: &[f64; EXTRA_SIZE]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 /// Returns the product of a matrix and a vector.
