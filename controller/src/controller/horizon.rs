@@ -26,7 +26,7 @@ const LENGTH_MIN: f64 = 1.6;
 /// Largest factor by which the stages are stretched for that.
 const STRETCH_MAX: f64 = 8.0;
 /// Growth of the price of speed with the cost of a way.
-const PRICE_BY_WAY: f64 = 3.0;
+const PRICE_BY_WAY: f64 = 2.0;
 /// Time over which the cost of a way is averaged, s: one plan may be far worse than the next.
 const WAY_COST_S: f64 = 0.25;
 /// Largest factor between the stretches of two cycles.

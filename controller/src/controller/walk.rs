@@ -173,17 +173,19 @@ pub(super) struct Walk<'a> {
 struct Way {
     /// Integral of p, s.
     driven_s: f64,
-    /// Integral of p times the square of the distance from the path, m^2 s.
-    errors_m2_s: f64,
+    /// Integrals of p times the squares of the distance from the path, m^2 s, and of the heading error, rad^2 s.
+    distances_m2_s: f64,
+    headings_rad2_s: f64,
     /// Integral of (1 - p)^2, s.
     slowness_s: f64,
 }
 
 impl Way {
-    fn add(&mut self, time_s: f64, pace: f64, cross_m: f64) {
+    fn add(&mut self, time_s: f64, pace: f64, cross_m: f64, heading_rad: f64) {
         let pace = pace.clamp(0.0, 1.0);
         self.driven_s += time_s * pace;
-        self.errors_m2_s += time_s * pace * cross_m.powi(2);
+        self.distances_m2_s += time_s * pace * cross_m.powi(2);
+        self.headings_rad2_s += time_s * pace * heading_rad.powi(2);
         self.slowness_s += time_s * (1.0 - pace).powi(2);
     }
 }
@@ -219,7 +221,9 @@ impl<'a> Walk<'a> {
     /// Returns what a way like the plan's costs: its errors and its slowness over what it drives of the path.
     pub(super) fn way_cost(&self, weights: &Weights) -> f64 {
         let way = &self.way;
-        let cost = weights.cross_per_m2 * way.errors_m2_s + weights.speed * way.slowness_s;
+        let cost = weights.cross_per_m2 * way.distances_m2_s
+            + weights.heading_per_rad2 * way.headings_rad2_s
+            + weights.speed * way.slowness_s;
         (cost / way.driven_s.max(f64::MIN_POSITIVE)).min(WAY_COST_MAX)
     }
 
@@ -267,7 +271,12 @@ impl<'a> Walk<'a> {
             let along_m_s = (cos * dy - sin * dx) / (end_s - before_s);
             asked.pace = along_m_s / asked.inputs.traction_m_s;
             if !asked.ends {
-                self.way.add(step_s, asked.pace, cross_m);
+                // The heading of a body whose point beside the origin follows the path is another one than the path's.
+                let heading_rad = match tracked_point.is_origin() {
+                    true => state.z - asked.pose.yaw_rad,
+                    false => 0.0,
+                };
+                self.way.add(step_s, asked.pace, cross_m, heading_rad);
             }
         }
         asked

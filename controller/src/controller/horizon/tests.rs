@@ -203,7 +203,7 @@ fn a_way_that_costs_more_has_a_larger_weight_of_speed_and_no_other() {
     let own = Weights::default();
     assert_eq!(weights_by_way(&own, 0.0), own);
     let dear = weights_by_way(&own, 0.4);
-    assert!((dear.speed - own.speed - 1.2).abs() < 1e-12);
+    assert!((dear.speed - own.speed - 0.8).abs() < 1e-12);
     assert_eq!(
         Weights {
             speed: own.speed,

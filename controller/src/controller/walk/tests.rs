@@ -104,6 +104,7 @@ fn a_drive_asks_for_the_place_beside_the_plan_and_for_the_pace_with_which_the_pl
 fn a_way_costs_its_errors_and_its_slowness_over_what_is_driven_of_the_path() {
     let weights = Weights {
         cross_per_m2: 20.0,
+        heading_per_rad2: 0.5,
         speed: 0.3,
         ..Weights::default()
     };
@@ -121,6 +122,22 @@ fn a_way_costs_its_errors_and_its_slowness_over_what_is_driven_of_the_path() {
     assert!((whole - 20.0 * 0.01).abs() < 1e-6, "{whole}");
     let half = cost(&[(5.0, -0.1, 0.2), (5.05, -0.1, 0.4)]);
     assert!((half - (0.2 + 0.3 * 0.25 / 0.5)).abs() < 1e-6, "{half}");
+    // Headings count as well, but of a vehicle whose origin follows the path alone.
+    let aside = TrackedPoint {
+        right_m: 0.1,
+        forward_m: 0.0,
+    };
+    for (point, expected) in [(TrackedPoint::ORIGIN, 0.5 * 0.04), (aside, 0.0)] {
+        let mut walk = along_the_straight(&reference);
+        for (along_m, end_s) in [(5.0, 0.2), (5.1, 0.4)] {
+            let turned = state(along_m, 0.0) + Vector3::new(0.0, 0.0, 0.2);
+            let back = point.lever(&Vector3::z(), turned.z).offset_m;
+            let there = turned - Vector3::new(back.0, back.1, 0.0);
+            walk.to(&there, point, &Vector3::z(), end_s, 1.0);
+        }
+        let turned = walk.way_cost(&weights);
+        assert!((turned - expected).abs() < 1e-6, "{turned}");
+    }
     // Longer stages count for more.
     let both = cost(&[(5.0, 0.0, 0.2), (5.1, 0.0, 0.4), (5.3, 0.2, 0.8)]);
     assert!((both - 0.8 * 0.4 / 0.6).abs() < 1e-6, "{both}");
