@@ -52,8 +52,10 @@ struct Sums {
 
 /// Time for which turning treads may leave the vehicle where it is, s: they dig in.
 const DIG_S: f64 = 1.4;
-/// Way of the treads from which on they dig, m.
+/// Way of the treads from which on they dig, m, and in standard deviations of the poses: noise must be far less than
+/// what a vehicle moves by that.
 const DIG_WAY_M: f64 = 0.25;
+const DIG_WAY_SIGMAS: f64 = 20.0;
 /// Share of the way of the treads by which the vehicle has to move.
 const DIG_SHARE: f64 = 0.1;
 /// Standard deviations of poses that are no motion.
@@ -61,8 +63,11 @@ const DIG_SIGMAS: f64 = 4.0;
 /// Time for which a pose stays the same to the bit from which on its source is taken to be frozen, s: noise changes the
 /// poses of a vehicle that digs.
 const FROZEN_S: f64 = 0.3;
-/// Poses kept: those of the time at 100 Hz.
-const DIG_POSES: usize = 160;
+/// Time after which that way counts no more, s: the treads hardly turn.
+const DIG_MOST_S: f64 = 10.0;
+/// Time between the poses that are kept, s, and their number.
+const DIG_POSES_S: f64 = 0.1;
+const DIG_POSES: usize = (DIG_MOST_S / DIG_POSES_S) as usize + 1;
 /// Cycles whose ways are kept: a pose is as late as 4 s at 100 Hz.
 const DIG_WAYS: usize = 400;
 
@@ -146,11 +151,21 @@ impl DigWatch {
             pose: pose.value.planar(),
             ways: *ways,
         };
-        let is_old = |place: &PoseThen| newest.time_s - place.time_s >= DIG_S;
-        while self.places.get(1).is_some_and(is_old) || self.places.len() == DIG_POSES {
+        let least_m = DIG_WAY_M.max(DIG_WAY_SIGMAS * self.sigma_m);
+        let is_far = |place: &PoseThen| {
+            newest.time_s - place.time_s >= DIG_S && newest.ways.since(&place.ways) >= least_m
+        };
+        let is_past = |place: &PoseThen| newest.time_s - place.time_s > DIG_MOST_S;
+        while self.places.get(1).is_some_and(is_far) || self.places.front().is_some_and(is_past) {
             self.places.pop_front();
         }
-        self.places.push_back(newest);
+        let last_s = self.places.back().map(|place| place.time_s);
+        if last_s.is_none_or(|last_s| newest.time_s - last_s >= DIG_POSES_S) {
+            if self.places.len() == DIG_POSES {
+                self.places.pop_front();
+            }
+            self.places.push_back(newest);
+        }
         // At the end of its grip a vehicle turns slowly, one tread spinning.
         let turned_rad = DIG_SIGMAS * self.sigma_rad;
         let keeps_heading = |place: &PoseThen| {
@@ -166,19 +181,21 @@ impl DigWatch {
         if same_s >= DIG_S && same_m >= DIG_WAY_M {
             return Some(frozen);
         }
-        let oldest = self.places.front().filter(|place| is_old(place))?;
+        let oldest = self.places.front().filter(|place| is_far(place))?;
         let way_m = newest.ways.since(&oldest.ways);
-        let moved_m = DIG_SHARE * way_m + DIG_SIGMAS * self.sigma_m;
+        let moved_m = (DIG_SHARE * way_m).hypot(DIG_SIGMAS * self.sigma_m);
         let stays = |place: &PoseThen| {
             (place.pose.x_m - newest.pose.x_m).hypot(place.pose.y_m - newest.pose.y_m) < moved_m
                 && keeps_heading(place)
         };
-        let in_vain = way_m >= DIG_WAY_M && self.places.iter().all(stays);
         let dug = StopReason::Stalled {
             stall: Stall::Treads,
-            time_s: DIG_S,
+            time_s: newest.time_s - oldest.time_s,
         };
-        in_vain.then_some(if same_s >= FROZEN_S { frozen } else { dug })
+        self.places
+            .iter()
+            .all(stays)
+            .then_some(if same_s >= FROZEN_S { frozen } else { dug })
     }
 }
 

@@ -4,6 +4,9 @@ use super::*;
 use crate::mpc::limits::MotorLimits;
 use crate::path::Point2;
 use crate::trajectory::ReferencePoint;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
 use sidehill_plant::frames::Pose;
 use sidehill_plant::sample::Stamped;
 
@@ -24,15 +27,19 @@ fn reading(time_s: f64, stamp_s: f64, y_m: f64) -> Sample {
     }
 }
 
-/// How fast both treads turn, and where the vehicle is, from 100 s on.
-fn digs_after(treads_m_s: [f64; 2], y_m: impl Fn(u32) -> f64) -> Option<f64> {
-    let mut watch = DigWatch::new(&EstimatorSettings::default());
+/// Returns after how many seconds treads of these speeds are found to dig within 20 s, where the vehicle is by poses of a
+/// standard deviation.
+fn digs_after(sigma_m: f64, treads_m_s: [f64; 2], y_m: impl Fn(u32) -> f64) -> Option<f64> {
+    let mut watch = DigWatch::new(&EstimatorSettings {
+        pose_sigma_m: sigma_m,
+        ..EstimatorSettings::default()
+    });
     let [left_m_s, right_m_s] = treads_m_s;
     let treads = TreadSpeeds {
         left_m_s,
         right_m_s,
     };
-    (0..100).find_map(|cycle| {
+    (0..400).find_map(|cycle| {
         let since_s = 0.05 * f64::from(cycle);
         let time_s = 100.0 + since_s;
         let sample = reading(time_s, time_s, y_m(cycle));
@@ -49,22 +56,43 @@ fn treads_dig_that_leave_the_vehicle_where_it_is_within_the_noise_of_its_poses()
         ([0.4, 0.0], 1.4),
         ([0.0, 0.4], 1.4),
         ([-0.2, 0.2], 1.4),
+        ([0.1, 0.1], 2.5),
     ] {
-        let found_s = digs_after(treads_m_s, |cycle| 0.015 * f64::from(cycle % 3).sin()).unwrap();
+        let found_s =
+            digs_after(0.01, treads_m_s, |cycle| 0.015 * f64::from(cycle % 3).sin()).unwrap();
         assert!(
-            (after_s..after_s + 0.11).contains(&found_s),
+            (after_s..after_s + 0.16).contains(&found_s),
             "{treads_m_s:?} {found_s}"
         );
     }
-    // They turn too little, or the vehicle moves by a fifth of their way.
-    let noise_m = |cycle: u32| 1e-3 * f64::from(cycle % 3);
-    assert_eq!(digs_after([0.16, 0.16], noise_m), None);
-    assert_eq!(digs_after([0.0, 0.3], noise_m), None);
-    assert_eq!(
-        digs_after([0.8, 0.8], |cycle| 0.2 * 0.04 * f64::from(cycle)),
-        None
-    );
-    assert!(digs_after([0.8, 0.8], |cycle| 0.05 * 0.04 * f64::from(cycle)).is_some());
+    // They hardly turn.
+    let still_m = |cycle: u32| 1e-3 * f64::from(cycle % 3);
+    assert_eq!(digs_after(0.01, [0.02, 0.02], still_m), None);
+    // The vehicle moves by a share of their way.
+    for (share, digs) in [(0.05, true), (0.15, false), (0.2, false)] {
+        let found = digs_after(0.01, [0.4, 0.4], |cycle| share * 0.02 * f64::from(cycle));
+        assert_eq!(found.is_some(), digs, "{share}");
+    }
+}
+
+#[test]
+fn coarse_poses_take_a_longer_way_of_the_treads_and_their_noise_is_no_digging() {
+    let random = ChaCha8Rng::seed_from_u64(1);
+    let noise: Vec<f64> = StandardNormal.sample_iter(random).take(400).collect();
+    for sigma_m in [0.02, 0.05, 0.1] {
+        let moves = |speed_m_s: f64| {
+            digs_after(sigma_m, [0.3, 0.3], |cycle| {
+                0.05 * speed_m_s * f64::from(cycle) + sigma_m * noise[cycle as usize]
+            })
+        };
+        assert_eq!(moves(0.25), None, "{sigma_m}");
+        let found_s = moves(0.0).unwrap();
+        let way_m = 0.3 * found_s;
+        assert!(
+            (20.0 * sigma_m..30.0 * sigma_m + 0.1).contains(&way_m),
+            "{sigma_m}: {way_m}"
+        );
+    }
 }
 
 #[test]
