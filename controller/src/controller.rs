@@ -127,7 +127,7 @@ impl Controller {
                 half_track_m,
                 config.period_s,
             ),
-            dig: DigWatch::new(&config.estimator),
+            dig: DigWatch::new(&config.estimator, half_track_m),
             phase: Phase::Driving { fallback_cycles: 0 },
             way_cost: 0.0,
             last_time_s: None,

@@ -101,16 +101,23 @@ pub(super) struct DigWatch {
     ways: VecDeque<(f64, TreadWays)>,
     sigma_m: f64,
     sigma_rad: f64,
+    /// Way of the treads from which on they dig, m.
+    least_m: f64,
 }
 
 impl DigWatch {
-    pub(super) fn new(estimator: &EstimatorSettings) -> Self {
+    pub(super) fn new(estimator: &EstimatorSettings, half_track_m: f64) -> Self {
+        // Treads that turn against each other turn the vehicle and leave it where it is.
+        let sigma_m = estimator
+            .pose_sigma_m
+            .max(half_track_m * estimator.pose_sigma_rad);
         Self {
             places: VecDeque::with_capacity(DIG_POSES),
             same: None,
             ways: VecDeque::with_capacity(DIG_WAYS),
             sigma_m: estimator.pose_sigma_m,
             sigma_rad: estimator.pose_sigma_rad,
+            least_m: DIG_WAY_M.max(DIG_WAY_SIGMAS * sigma_m),
         }
     }
 
@@ -151,9 +158,8 @@ impl DigWatch {
             pose: pose.value.planar(),
             ways: *ways,
         };
-        let least_m = DIG_WAY_M.max(DIG_WAY_SIGMAS * self.sigma_m);
         let is_far = |place: &PoseThen| {
-            newest.time_s - place.time_s >= DIG_S && newest.ways.since(&place.ways) >= least_m
+            newest.time_s - place.time_s >= DIG_S && newest.ways.since(&place.ways) >= self.least_m
         };
         let is_past = |place: &PoseThen| newest.time_s - place.time_s > DIG_MOST_S;
         while self.places.get(1).is_some_and(is_far) || self.places.front().is_some_and(is_past) {

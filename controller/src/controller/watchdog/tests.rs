@@ -30,10 +30,11 @@ fn reading(time_s: f64, stamp_s: f64, y_m: f64) -> Sample {
 /// Returns after how many seconds treads of these speeds are found to dig within 20 s, where the vehicle is by poses of a
 /// standard deviation.
 fn digs_after(sigma_m: f64, treads_m_s: [f64; 2], y_m: impl Fn(u32) -> f64) -> Option<f64> {
-    let mut watch = DigWatch::new(&EstimatorSettings {
+    let told = EstimatorSettings {
         pose_sigma_m: sigma_m,
         ..EstimatorSettings::default()
-    });
+    };
+    let mut watch = DigWatch::new(&told, 0.6);
     let [left_m_s, right_m_s] = treads_m_s;
     let treads = TreadSpeeds {
         left_m_s,
@@ -96,8 +97,37 @@ fn coarse_poses_take_a_longer_way_of_the_treads_and_their_noise_is_no_digging() 
 }
 
 #[test]
+fn coarse_headings_take_a_longer_way_of_the_treads() {
+    let told = EstimatorSettings {
+        pose_sigma_rad: 0.05,
+        ..EstimatorSettings::default()
+    };
+    let random = ChaCha8Rng::seed_from_u64(1);
+    let noise: Vec<f64> = StandardNormal.sample_iter(random).take(400).collect();
+    // Turns on the spot, with treads of 0.12 m/s.
+    let found_s = |yaw_rate_rad_s: f64| {
+        let mut watch = DigWatch::new(&told, 0.6);
+        (0..400_u32).find_map(|cycle| {
+            let time_s = 0.05 * f64::from(cycle);
+            let mut sample = reading(time_s, time_s, 1e-3 * noise[399 - cycle as usize]);
+            if let Some(pose) = &mut sample.pose {
+                pose.value.yaw_rad = yaw_rate_rad_s * time_s + 0.05 * noise[cycle as usize];
+            }
+            let treads = TreadSpeeds {
+                left_m_s: -0.12,
+                right_m_s: 0.12,
+            };
+            watch.observe(&sample, &treads, 0.05).map(|_| time_s)
+        })
+    };
+    assert_eq!(found_s(0.15), None);
+    let dug_s = found_s(0.0).unwrap();
+    assert!((5.0..7.0).contains(&dug_s), "{dug_s}");
+}
+
+#[test]
 fn treads_that_were_found_to_dig_have_to_do_so_anew_after_a_new_start() {
-    let mut watch = DigWatch::new(&EstimatorSettings::default());
+    let mut watch = DigWatch::new(&EstimatorSettings::default(), 0.6);
     let treads = TreadSpeeds {
         left_m_s: 0.3,
         right_m_s: 0.3,
@@ -118,7 +148,7 @@ fn treads_that_were_found_to_dig_have_to_do_so_anew_after_a_new_start() {
 /// Drives straight ahead for 4 s, from 1 s on at 1 m/s^2, by poses that are `late_s` old and as exact as `noise_m`;
 /// returns why it is stopped where the treads move the vehicle by a share of their way.
 fn stopped(late_s: f64, share: f64, noise_m: f64) -> Option<StopReason> {
-    let mut watch = DigWatch::new(&EstimatorSettings::default());
+    let mut watch = DigWatch::new(&EstimatorSettings::default(), 0.6);
     let driven_s = |time_s: f64| (time_s - 1.0).max(0.0);
     (0..80).find_map(|cycle| {
         let time_s = 0.05 * f64::from(cycle);
@@ -156,7 +186,7 @@ fn poses_that_stay_the_same_to_the_bit_are_frozen_and_no_sign_of_digging() {
 #[test]
 fn poses_that_freeze_on_the_way_are_frozen_at_any_speed() {
     for speed_m_s in [0.05, 0.2, 0.5, 1.0, 2.0] {
-        let mut watch = DigWatch::new(&EstimatorSettings::default());
+        let mut watch = DigWatch::new(&EstimatorSettings::default(), 0.6);
         // They freeze after 3 s.
         let reason = (0..240).find_map(|cycle| {
             let time_s = 0.05 * f64::from(cycle);
@@ -182,7 +212,7 @@ fn poses_that_freeze_on_the_way_are_frozen_at_any_speed() {
 
 #[test]
 fn a_vehicle_that_has_come_back_between_two_poses_does_not_dig() {
-    let mut watch = DigWatch::new(&EstimatorSettings::default());
+    let mut watch = DigWatch::new(&EstimatorSettings::default(), 0.6);
     // Ahead for 2 s, and back from there; there are poses at the beginning and after 4 s.
     let stopped = (0..=80).find_map(|cycle| {
         let time_s = 0.05 * f64::from(cycle);
