@@ -22,8 +22,10 @@ use std::collections::VecDeque;
 /// Readings of a cycle at most.
 const NEW: usize = 4;
 
-/// Readings kept: with speeds, attitude and yaw rate at 20 Hz and poses at 10 Hz, about 1 s.
-pub(super) const HISTORY: usize = 80;
+/// Time for which readings are kept, s: poses that are later have no effect.
+const HISTORY_S: f64 = 1.5;
+/// Readings kept at most: those of the time at 100 Hz.
+pub(super) const HISTORY: usize = 600;
 
 /// What an event brings.
 #[derive(Debug, Clone, Copy)]

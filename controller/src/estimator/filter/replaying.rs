@@ -5,7 +5,7 @@ use super::super::belief::Belief;
 use super::super::gate::PoseSigmas;
 use super::super::gyro::{GyroInterval, HOLDS_S, YawRate};
 use super::super::learned::LearnedModel;
-use super::{Event, Filter, HISTORY, Reading};
+use super::{Event, Filter, HISTORY, HISTORY_S, Reading};
 use sidehill_plant::speeds::TreadSpeeds;
 use std::mem::discriminant;
 
@@ -66,7 +66,9 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             self.events[i].belief = self.absorb(belief, &event);
             self.events[i].new = false;
         }
-        while self.events.len() > HISTORY {
+        let newest_s = self.events.back().map_or(0.0, |event| event.time_s);
+        let is_old = |event: &Event<N>| newest_s - event.time_s > HISTORY_S;
+        while self.events.len() > HISTORY || self.events.get(1).is_some_and(is_old) {
             self.events.pop_front();
         }
         self.changed = self.events.len();

@@ -102,24 +102,41 @@ proptest! {
 }
 
 #[test]
-fn readings_older_than_the_memory_have_no_effect() {
-    let run = |ancient: bool| {
-        let mut truth = Truth::new(5.0);
-        let mut estimator = estimator();
-        let first = truth.sample(0.0);
-        for cycle in 0..100 {
-            estimator.update(&truth.sample(0.05 * f64::from(cycle)));
-            truth.drive(0.05);
-        }
-        if ancient {
+fn a_late_pose_counts_up_to_an_age_at_any_rate_of_readings() {
+    for (period_s, late_s, counts) in [
+        (0.01, 1.3, true),
+        (0.01, 1.7, false),
+        (0.05, 1.3, true),
+        (0.05, 1.7, false),
+    ] {
+        let cycles = (5.0_f64 / period_s).round() as u32;
+        let run = |late: bool| {
+            let mut truth = Truth::new(5.0);
+            let mut estimator = estimator();
+            let mut before = None;
+            for cycle in 0..=cycles {
+                let time_s = period_s * f64::from(cycle);
+                let mut sample = truth.sample(time_s);
+                if time_s < 5.0 - late_s {
+                    before = sample.pose;
+                }
+                // All readings but poses, which have stopped.
+                sample.pose = sample.pose.filter(|_| time_s < 3.0);
+                sample.yaw_rate = stamped(time_s, 0.0);
+                estimator.update(&sample);
+                truth.drive(period_s);
+            }
             let mut sample = nothing(5.0);
-            sample.pose = first.pose;
+            sample.pose = before.filter(|_| late).map(|mut pose| {
+                pose.value.x_m += 0.01;
+                pose
+            });
             estimator.update(&sample);
-        }
-        assert!(estimator.readings_kept() <= HISTORY);
-        estimator.update(&nothing(5.0)).0
-    };
-    assert_eq!(run(true), run(false));
+            assert!(estimator.readings_kept() <= HISTORY);
+            estimator.update(&nothing(5.0)).0
+        };
+        assert_eq!(run(true) != run(false), counts, "{period_s} s: {late_s} s");
+    }
 }
 
 #[test]
