@@ -10,7 +10,7 @@ use crate::estimator::EstimatorSettings;
 use crate::guard::GuardConfig;
 use crate::memory::MemoryConfig;
 use crate::mpc::limits::{InputLimits, MotorLimits};
-use crate::mpc::{MpcSettings, QpSettings, StepLimit};
+use crate::mpc::{HeadingExcess, MpcSettings, QpSettings, StepLimit};
 use crate::pure_pursuit::PurePursuitSettings;
 use crate::tracked_point::TrackedPoint;
 use serde::{Deserialize, Serialize};
@@ -187,6 +187,7 @@ impl ControllerConfig {
             stages: self.stages,
             step_s: self.step_s,
             period_s: self.period_s,
+            heading_excess: HeadingExcess::default(),
             cross_per_m2: self.weights.cross_per_m2,
             limits: self.limits,
             last_step_s: LAST_STEP * self.step_s,

@@ -63,7 +63,8 @@ impl Mpc {
             self.shifted.inputs[k] = input;
             asked = target(self.times.end_s(k), &state, input);
             let along = asked.along();
-            let weights = self.weights_of(k, &asked, horizon);
+            let error = asked.error_of(along, &state).state;
+            let weights = self.weights_of(k, &asked, error.z, horizon);
             let way = (&from, &state, self.times.step_s(k));
             cost += stage_cost(&weights, &asked, along, way, input, before);
             cost += self.extra_cost(k, self.shifted.states[0].z, way.1, input);

@@ -7,15 +7,17 @@ use sidehill_plant::frames::wrap_angle;
 use sidehill_plant::speeds::MotorSpeeds;
 
 impl Mpc {
-    /// Returns the weights of a stage.
+    /// Returns the weights of a stage that ends with a heading error.
     pub(super) fn weights_of(
         &self,
         stage: usize,
         target: &StageTarget,
+        heading_error_rad: f64,
         horizon: &Horizon,
     ) -> CostWeights {
         let (settings, step_s) = (&self.settings, self.times.step_s(stage));
         let mut errors = target.weights;
+        errors.heading_per_rad2 += settings.heading_excess.weight(heading_error_rad);
         errors.heading_per_rad2 *= target.errors_share;
         errors.cross_per_m2 *= target.errors_share;
         // The cost is that of even stages, each of them a sample of an integral.
@@ -112,7 +114,7 @@ impl Mpc {
             let time_s = self.change_time_s(k);
             let along = target.along();
             let error = target.error_of(along, next);
-            let weights = self.weights_of(k, target, horizon);
+            let weights = self.weights_of(k, target, error.state.z, horizon);
             self.stages.push(Stage {
                 step,
                 error: error.state,

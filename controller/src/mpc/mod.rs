@@ -32,7 +32,7 @@ pub use model::Model;
 pub(crate) use model::StepStart;
 pub use qp::{QpSolver, SolvePath};
 pub use residuals::Residuals;
-pub use settings::{ChangeWeights, MpcSettings, QpMode, QpSettings};
+pub use settings::{ChangeWeights, HeadingExcess, MpcSettings, QpMode, QpSettings};
 pub use sparse::{CscMatrix, QpData, SolvedQp};
 pub use stage::StageWeights;
 pub use stage_qp::StageQp;

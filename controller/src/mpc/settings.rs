@@ -15,6 +15,8 @@ pub struct MpcSettings {
     pub last_step_s: f64,
     /// Control period, s: the first change of the inputs has this time, the later ones a stage's.
     pub period_s: f64,
+    /// Weight of headings far from the path's tangent.
+    pub heading_excess: HeadingExcess,
     /// Weight of the position across the path, 1/m^2.
     pub cross_per_m2: f64,
     /// Limits of the inputs.
@@ -39,6 +41,36 @@ pub struct ChangeWeights {
     pub traction: f64,
     /// Of steer, s/(m/s)^2.
     pub steer: f64,
+}
+
+/// Weight of headings that no slide asks for: they are where a wrong model leads, and from them a vehicle that is heavy
+/// in front turns downhill on a steep slope, and does not come back.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeadingExcess {
+    /// Heading error up to which nothing is added, rad, positive.
+    pub free_rad: f64,
+    /// What is added at twice that error, 1/rad^2.
+    pub per_rad2: f64,
+}
+
+impl Default for HeadingExcess {
+    fn default() -> Self {
+        Self {
+            free_rad: 0.5,
+            per_rad2: 10.0,
+        }
+    }
+}
+
+impl HeadingExcess {
+    /// Returns what a planned heading error adds to a stage's weight of the heading, 1/rad^2: it
+    /// grows with the square of what is beyond `free_rad`, up to three times `free_rad`.
+    pub fn weight(&self, error_rad: f64) -> f64 {
+        /// Where the weight stops growing, in `free_rad` beyond it.
+        const LARGEST: f64 = 2.0;
+        let excess = ((error_rad.abs() - self.free_rad) / self.free_rad).clamp(0.0, LARGEST);
+        self.per_rad2 * excess * excess
+    }
 }
 
 /// Largest number of iterations of any solve.

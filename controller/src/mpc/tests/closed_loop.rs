@@ -120,6 +120,10 @@ pub fn settings(stages: usize) -> MpcSettings {
         last_step_s: 0.15,
         step_limit: StepLimit::default(),
         period_s: 0.05,
+        heading_excess: HeadingExcess {
+            free_rad: 0.5,
+            per_rad2: 0.0,
+        },
         cross_per_m2: 50.0,
         limits: input_limits(2.0),
         qp: QpSettings {

@@ -7,6 +7,7 @@ mod extra;
 mod feedback;
 mod first_plan;
 mod following;
+mod heading_excess;
 mod limits;
 mod qp;
 mod same_optimum;
