@@ -55,8 +55,8 @@ pub struct ContactLearningSettings {
     /// Standard deviation of the inertia, over itself; a vehicle that is known to have none has none.
     #[serde(skip)]
     pub inertia_sigma: f64,
-    /// Standard deviation of the relaxation length of the tyres, over the half width; a vehicle that is known to have no
-    /// inertia has none.
+    /// Standard deviation of the logarithm of the tyres' relaxation length; a vehicle that is known to have no inertia has
+    /// none.
     #[serde(skip)]
     pub relaxation_length_sigma: f64,
     /// Standard deviation of the logarithm of each tread's factor.
@@ -90,7 +90,7 @@ impl Default for ContactLearningSettings {
             rolling_resistance_sigma: 0.02,
             patch_squared_sigma: 0.02,
             inertia_sigma: 0.3,
-            relaxation_length_sigma: 0.15,
+            relaxation_length_sigma: 1.0,
             tread_sigma: 0.07,
             forgetting_per_m: 0.01,
             friction_forgetting_per_m: 0.2,
@@ -134,7 +134,7 @@ impl ContactLearningSettings {
                 Parameter::PatchRadius => self.patch_squared_sigma * half_width_m * half_width_m,
                 Parameter::Inertia => self.inertia_sigma * parameters[i],
                 Parameter::RelaxationLength if parameters[Parameter::Inertia.index()] == 0.0 => 0.0,
-                Parameter::RelaxationLength => self.relaxation_length_sigma * half_width_m,
+                Parameter::RelaxationLength => self.relaxation_length_sigma,
                 Parameter::LeftTread | Parameter::RightTread => self.tread_sigma,
             })
     }

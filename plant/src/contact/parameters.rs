@@ -46,6 +46,10 @@ pub enum Parameter {
     RightTread,
 }
 
+/// Length s of the entry ln(1 + L / s) of a relaxation length L, m. The shorter L, the smaller are the changes of it for which
+/// derivatives of the forces by L hold; those by the entry hold for changes of 1.
+const SHORT_M: f64 = 1e-3;
+
 impl Parameter {
     /// All parameters, in the order of a [`ParameterVector`].
     pub const ALL: [Self; PARAMETERS] = [
@@ -124,6 +128,8 @@ impl Parameter {
         } else if self == Self::PatchRadius {
             // Forces depend on the square; their derivative by the radius vanishes at 0.
             entry.max(0.0).sqrt()
+        } else if self == Self::RelaxationLength {
+            SHORT_M * entry.max(0.0).exp_m1()
         } else {
             entry
         }
@@ -135,9 +141,16 @@ impl Parameter {
             value.ln()
         } else if self == Self::PatchRadius {
             value * value
+        } else if self == Self::RelaxationLength {
+            (value / SHORT_M).ln_1p()
         } else {
             value
         }
+    }
+
+    /// Returns the derivative of a relaxation length by its entry of a [`ParameterVector`], m.
+    pub(super) fn length_by_entry_m(length_m: f64) -> f64 {
+        length_m + SHORT_M
     }
 
     /// Returns the standard deviation, in entries of a [`ParameterVector`], of a guess for a vehicle of half
@@ -155,7 +168,7 @@ impl Parameter {
             Self::RollingResistance => 0.02,
             Self::PatchRadius => 0.02 * half_width_m * half_width_m,
             Self::Inertia => 0.5,
-            Self::RelaxationLength => 0.15 * half_width_m,
+            Self::RelaxationLength => 1.0,
             Self::LeftTread | Self::RightTread => 0.2,
         }
     }

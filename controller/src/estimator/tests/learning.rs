@@ -216,7 +216,7 @@ fn the_relaxation_length_is_learned_by_turning_to_and_fro() {
     let length = Parameter::RelaxationLength;
     let to_and_fro = |time_s: f64| (0.4, 0.4 * (3.0 * time_s).sin());
     let guess_m = Vehicle::j8().contact_vehicle().friction.relaxation_length_m;
-    for truth_m in [0.0, 0.25] {
+    for truth_m in [0.12, 0.25] {
         let learned = learned_of(&[(length, truth_m)], 60.0, to_and_fro);
         assert!(learned.observed(length), "{learned:?}");
         let (found_m, _) = learned.interval(length);

@@ -21,6 +21,7 @@ use super::geometry::{Geometry, Ground};
 use super::loads::LoadCase;
 use super::search::BalanceSolution;
 use crate::contact::GRAVITY_M_S2;
+use crate::contact::Parameter;
 use crate::contact::relaxation::DAMPING_SHARE;
 use crate::contact::vehicle::box_gyration_squared_m2;
 use crate::speeds::TreadSpeeds;
@@ -306,8 +307,8 @@ impl Following {
         }
     }
 
-    /// Returns the derivatives of [`Self::from`], which led to the state `end`, by the inertia and by the relaxation
-    /// length, m.
+    /// Returns the derivatives of [`Self::from`], which led to the state `end`, by the inertia and by the entry of the
+    /// relaxation length in a [`ParameterVector`](crate::contact::ParameterVector).
     pub fn by_lag(
         &self,
         before: &BodyState,
@@ -317,6 +318,7 @@ impl Following {
         let Lag {
             of_box_s,
             inertia,
+            relaxation_length_m,
             passing_m_s,
             pull_m_s2,
             ..
@@ -375,14 +377,15 @@ impl Following {
                 - whole * end.force,
             end.force - before.force,
         );
-        let by_length = |of_force_s| of_force_s / passing_m_s;
+        let by_entry_m = Parameter::length_by_entry_m(relaxation_length_m);
+        let by_entry = |of_force_s| of_force_s * (by_entry_m / passing_m_s);
         [
             by_inertia,
             Followed {
-                mean: by_length(by_force_s.mean),
+                mean: by_entry(by_force_s.mean),
                 end: BodyState {
-                    velocity: by_length(by_force_s.end.velocity),
-                    force: by_length(by_force_s.end.force),
+                    velocity: by_entry(by_force_s.end.velocity),
+                    force: by_entry(by_force_s.end.force),
                 },
             },
         ]

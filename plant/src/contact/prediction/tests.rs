@@ -118,9 +118,11 @@ proptest! {
         let before = BodyState { velocity: Vector3::from(velocity), force: Vector3::from(force) };
         let (following, settled) = of(inertia, length_m);
         let h = 1e-5;
+        let length = Parameter::RelaxationLength;
+        let of_entry = |by: f64| of(inertia, length.value(length.entry(length_m) + by));
         let sides = [
             (of(inertia + h, length_m), of(inertia - h, length_m)),
-            (of(inertia, length_m + h), of(inertia, length_m - h)),
+            (of_entry(h), of_entry(-h)),
         ];
         for (by, (up, down)) in following.by_lag(&before, &settled, &following.from(&before, &settled).end).into_iter().zip(sides) {
             let (up, down) = (up.0.from(&before, &up.1), down.0.from(&before, &down.1));
