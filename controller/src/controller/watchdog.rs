@@ -65,7 +65,7 @@ const DIG_SIGMAS: f64 = 4.0;
 const FROZEN_S: f64 = 0.3;
 /// Time after which that way counts no more, s: the treads hardly turn.
 const DIG_MOST_S: f64 = 10.0;
-/// Time between the poses that are kept, s, and their number.
+/// Time between the poses that are kept, s, and their number at most.
 const DIG_POSES_S: f64 = 0.1;
 const DIG_POSES: usize = (DIG_MOST_S / DIG_POSES_S) as usize + 1;
 /// Cycles whose ways are kept: a pose is as late as 4 s at 100 Hz.
@@ -167,9 +167,6 @@ impl DigWatch {
         }
         let last_s = self.places.back().map(|place| place.time_s);
         if last_s.is_none_or(|last_s| newest.time_s - last_s >= DIG_POSES_S) {
-            if self.places.len() == DIG_POSES {
-                self.places.pop_front();
-            }
             self.places.push_back(newest);
         }
         // At the end of its grip a vehicle turns slowly, one tread spinning.

@@ -49,6 +49,12 @@ fn digs_after(sigma_m: f64, treads_m_s: [f64; 2], y_m: impl Fn(u32) -> f64) -> O
     })
 }
 
+/// Returns the noise of 400 cycles, in standard deviations.
+fn noise() -> Vec<f64> {
+    let random = ChaCha8Rng::seed_from_u64(1);
+    StandardNormal.sample_iter(random).take(400).collect()
+}
+
 #[test]
 fn treads_dig_that_leave_the_vehicle_where_it_is_within_the_noise_of_its_poses() {
     for (treads_m_s, after_s) in [
@@ -78,8 +84,7 @@ fn treads_dig_that_leave_the_vehicle_where_it_is_within_the_noise_of_its_poses()
 
 #[test]
 fn coarse_poses_take_a_longer_way_of_the_treads_and_their_noise_is_no_digging() {
-    let random = ChaCha8Rng::seed_from_u64(1);
-    let noise: Vec<f64> = StandardNormal.sample_iter(random).take(400).collect();
+    let noise = noise();
     for sigma_m in [0.02, 0.05, 0.1] {
         let moves = |speed_m_s: f64| {
             digs_after(sigma_m, [0.3, 0.3], |cycle| {
@@ -102,8 +107,7 @@ fn coarse_headings_take_a_longer_way_of_the_treads() {
         pose_sigma_rad: 0.05,
         ..EstimatorSettings::default()
     };
-    let random = ChaCha8Rng::seed_from_u64(1);
-    let noise: Vec<f64> = StandardNormal.sample_iter(random).take(400).collect();
+    let noise = noise();
     // Turns on the spot, with treads of 0.12 m/s.
     let found_s = |yaw_rate_rad_s: f64| {
         let mut watch = DigWatch::new(&told, 0.6);
