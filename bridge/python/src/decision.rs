@@ -326,6 +326,12 @@ impl Estimate {
         self.0.poses_gated
     }
 
+    /// Poses since then that came too late to have an effect.
+    #[getter]
+    fn poses_late(&self) -> u32 {
+        self.0.poses_late
+    }
+
     fn __repr__(&self) -> String {
         format!(
             "<sidehill.Estimate at {} s: x {} m, y {} m, yaw {} rad>",

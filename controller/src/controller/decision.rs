@@ -60,13 +60,18 @@ impl std::fmt::Display for Status {
 #[strum(serialize_all = "snake_case")]
 pub enum StopReason {
     /// The newest accepted pose is too old.
-    #[error("the pose is {age_s:.2} s old ({gated} newer ones refused as outliers)")]
+    #[error(
+        "the pose is {age_s:.2} s old ({gated} newer ones refused as outliers, {late} more than 1.5 s late)"
+    )]
     PoseStale {
         /// Its age, s.
         #[serde(with = "crate::serde_form::age")]
         age_s: f64,
         /// Newer poses that the gate refused.
         gated: u32,
+        /// Poses since then that came too late.
+        #[serde(default)]
+        late: u32,
     },
     /// New poses stay the same to the bit while the treads turn: where the vehicle is is not known.
     #[error("the pose stays the same to the bit for {time_s:.1} s while the treads turn")]
@@ -76,7 +81,7 @@ pub enum StopReason {
     },
     /// Where the vehicle is across the path is too uncertain.
     #[error(
-        "the position across the path is uncertain by {bound_m:.2} m, the newest pose is {age_s:.2} s old"
+        "the position across the path is uncertain by {bound_m:.2} m, the newest pose is {age_s:.2} s old ({late} more than 1.5 s late)"
     )]
     PoseUncertain {
         /// Bound that the position keeps with a probability of 95 %, m.
@@ -84,6 +89,9 @@ pub enum StopReason {
         /// Age of the newest accepted pose, s.
         #[serde(with = "crate::serde_form::age")]
         age_s: f64,
+        /// Poses since then that came too late.
+        #[serde(default)]
+        late: u32,
     },
     /// The newest attitude is too old.
     #[error("the attitude is {age_s:.2} s old")]

@@ -144,6 +144,7 @@ impl Controller {
             self.stop(StopReason::PoseStale {
                 age_s: estimate.pose_age_s,
                 gated: estimate.poses_gated,
+                late: estimate.poses_late,
             });
         } else if !within(estimate.attitude_age_s, limits.attitude_timeout_s) {
             self.stop(StopReason::AttitudeStale {
@@ -170,6 +171,7 @@ impl Controller {
             self.stop(StopReason::PoseUncertain {
                 bound_m,
                 age_s: estimate.pose_age_s,
+                late: estimate.poses_late,
             });
         } else if !within(progress.cross_track_m.abs(), limits.cross_track_max_m) {
             self.stop(StopReason::OffPath {

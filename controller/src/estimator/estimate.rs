@@ -74,6 +74,9 @@ pub struct Estimate {
     pub speeds_age_s: f64,
     /// Poses rejected by the gate since the last accepted one.
     pub poses_gated: u32,
+    /// Poses that came too late to have an effect, more than 1.5 s, since the last accepted one.
+    #[serde(default)]
+    pub poses_late: u32,
     /// For how long poses that agree with each other have been rejected, and the age of the newest of
     /// them, s; none if the newest pose was accepted.
     pub poses_doubted_s: Option<(f64, f64)>,
@@ -109,6 +112,7 @@ impl Estimate {
             attitude_age_s: 0.0,
             speeds_age_s: 0.0,
             poses_gated: 0,
+            poses_late: 0,
             poses_doubted_s: None,
         }
     }

@@ -22,7 +22,7 @@ use std::collections::VecDeque;
 /// Readings of a cycle at most.
 const NEW: usize = 4;
 
-/// Time for which readings are kept, s: poses that are later have no effect.
+/// Time for which readings are kept, s: poses that are later have no effect. Stop reasons name it.
 const HISTORY_S: f64 = 1.5;
 /// Readings kept at most: those of the time at 100 Hz.
 pub(super) const HISTORY: usize = 600;
@@ -66,6 +66,7 @@ pub(super) struct Filter<M, const N: usize> {
     attitude_time_s: f64,
     speeds_time_s: f64,
     poses_gated: u32,
+    poses_late: u32,
     gate: PoseGate,
     gyro: GyroCheck,
     innovation: Option<Innovation>,
@@ -91,6 +92,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             attitude_time_s: f64::NEG_INFINITY,
             speeds_time_s: f64::NEG_INFINITY,
             poses_gated: 0,
+            poses_late: 0,
             gate: PoseGate::new(settings.believed_after_s),
             gyro: GyroCheck::new(&settings),
             innovation: None,
@@ -195,7 +197,9 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
 
     fn take_pose(&mut self, pose: Stamped<PlanarPose>) {
         if self.started {
-            self.insert(pose.time_s, Reading::Pose(pose.value));
+            if !self.insert(pose.time_s, Reading::Pose(pose.value)) {
+                self.poses_late += 1;
+            }
         } else if let Some(attitude) = self.newest_attitude {
             let sigmas = PoseSigmas::of(&self.settings);
             let kept = self.begins_with();
@@ -312,6 +316,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             attitude_age_s: time_s - self.attitude_time_s,
             speeds_age_s: time_s - self.speeds_time_s,
             poses_gated: self.poses_gated,
+            poses_late: self.poses_late,
             poses_doubted_s: self
                 .gate
                 .doubted()

@@ -90,7 +90,11 @@ fn stale_readings_stop_for_good() {
         // It drives on as long as it knows where it is, and no longer than 12 s.
         assert!((60..=241).contains(&cycles), "{cycles}");
         let expected = |reason: &StopReason| match reason {
-            StopReason::PoseStale { age_s, gated: 0 } => *age_s > 11.9,
+            StopReason::PoseStale {
+                age_s,
+                gated: 0,
+                late: 0,
+            } => *age_s > 11.9,
             StopReason::PoseUncertain { bound_m, .. } => *bound_m > 0.25,
             _ => false,
         };
@@ -112,6 +116,29 @@ fn stale_readings_stop_for_good() {
             &mut rig,
             |reason| matches!(reason, StopReason::SpeedsStale { age_s } if *age_s > 0.29),
         );
+    }
+}
+
+#[test]
+fn a_stop_says_that_poses_come_too_late() {
+    for kind in KINDS {
+        let mut rig = driving(kind);
+        let late_by_2_s = |sample: &mut Sample| {
+            if let Some(pose) = &mut sample.pose {
+                pose.time_s -= 2.0;
+            }
+        };
+        let (_, decision) = until_stopping(&mut rig, late_by_2_s);
+        let Status::Stopping(reason) = decision.status else {
+            panic!("{:?}", decision.status);
+        };
+        let late = match reason {
+            StopReason::PoseStale { late, .. } | StopReason::PoseUncertain { late, .. } => late,
+            other => panic!("{other}"),
+        };
+        assert!(late > 10, "{reason}");
+        let said = format!("{late} more than 1.5 s late");
+        assert!(reason.to_string().contains(&said), "{reason}");
     }
 }
 

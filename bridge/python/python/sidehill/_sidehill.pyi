@@ -294,6 +294,9 @@ class Estimate:
     @property
     def poses_gated(self) -> int:
         """Poses refused as outliers since then."""
+    @property
+    def poses_late(self) -> int:
+        """Poses since then that came too late to have an effect."""
 
 @final
 class Decision:

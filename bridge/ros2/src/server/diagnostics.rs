@@ -164,6 +164,10 @@ pub(crate) fn diagnostic_status(
             "poses_gated",
             estimate.map_or(0, |e| e.poses_gated).to_string(),
         ),
+        (
+            "poses_late",
+            estimate.map_or(0, |e| e.poses_late).to_string(),
+        ),
         ("refused", server.rejected.to_string()),
         ("last_refusal", server.last_rejection.to_owned()),
         ("waits_for", waits_for(server.inputs)),

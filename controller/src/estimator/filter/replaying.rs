@@ -10,12 +10,12 @@ use sidehill_plant::speeds::TreadSpeeds;
 use std::mem::discriminant;
 
 impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
-    /// Puts a reading in its place in time, after those of the same time. A reading older than all that is kept has
-    /// no effect.
-    pub(super) fn insert(&mut self, time_s: f64, reading: Reading) {
+    /// Puts a reading in its place in time, after those of the same time; returns false, without any effect, for one
+    /// older than all that is kept.
+    pub(super) fn insert(&mut self, time_s: f64, reading: Reading) -> bool {
         let place = self.events.partition_point(|event| event.time_s <= time_s);
         if place == 0 {
-            return;
+            return false;
         }
         // New speeds also hold for the intervals since the speeds before them, and so does a yaw rate.
         let since = match reading {
@@ -38,6 +38,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                 belief,
             },
         );
+        true
     }
 
     /// Replays the events from the first that changed.
@@ -145,6 +146,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                     if believed {
                         self.pose_time_s = self.pose_time_s.max(event.time_s);
                         self.poses_gated = 0;
+                        self.poses_late = 0;
                     } else {
                         self.poses_gated += 1;
                     }
