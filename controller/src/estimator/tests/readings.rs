@@ -133,9 +133,13 @@ fn a_late_pose_counts_up_to_an_age_at_any_rate_of_readings() {
             });
             estimator.update(&sample);
             assert!(estimator.readings_kept() <= HISTORY);
-            estimator.update(&nothing(5.0)).0
+            estimator.update(&nothing(5.0)).0.unwrap()
         };
-        assert_eq!(run(true) != run(false), counts, "{period_s} s: {late_s} s");
+        let (with, without) = (run(true), run(false));
+        let case = format!("{period_s} s: {late_s} s");
+        assert_eq!(with.pose != without.pose, counts, "{case}");
+        assert_eq!(with.poses_late, u32::from(!counts), "{case}");
+        assert_eq!(without.poses_late, 0, "{case}");
     }
 }
 
