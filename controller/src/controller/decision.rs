@@ -1,6 +1,7 @@
 //! What a cycle decides, and what it has to say of it.
 
 use super::predictions::Ahead;
+use crate::estimator::HISTORY_S;
 use crate::estimator::{Estimate, Refused};
 use crate::guard::{GuardStop, GuardView, SteepMeasure, SteepPlace};
 use crate::mpc::{QpFailure, SolveReport};
@@ -61,7 +62,8 @@ impl std::fmt::Display for Status {
 pub enum StopReason {
     /// The newest accepted pose is too old.
     #[error(
-        "the pose is {age_s:.2} s old ({gated} newer ones refused as outliers, {late} more than 1.5 s late)"
+        "the pose is {age_s:.2} s old ({gated} newer ones refused as outliers, {late} more than {longest_s} s late)",
+        longest_s = HISTORY_S
     )]
     PoseStale {
         /// Its age, s.
@@ -81,7 +83,8 @@ pub enum StopReason {
     },
     /// Where the vehicle is across the path is too uncertain.
     #[error(
-        "the position across the path is uncertain by {bound_m:.2} m, the newest pose is {age_s:.2} s old ({late} more than 1.5 s late)"
+        "the position across the path is uncertain by {bound_m:.2} m, the newest pose is {age_s:.2} s old ({late} more than {longest_s} s late)",
+        longest_s = HISTORY_S
     )]
     PoseUncertain {
         /// Bound that the position keeps with a probability of 95 %, m.

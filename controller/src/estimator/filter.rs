@@ -22,8 +22,8 @@ use std::collections::VecDeque;
 /// Readings of a cycle at most.
 const NEW: usize = 4;
 
-/// Time for which readings are kept, s: poses that are later have no effect. Stop reasons name it.
-const HISTORY_S: f64 = 1.5;
+/// Time for which readings are kept, s: poses that are later have no effect.
+pub(crate) const HISTORY_S: f64 = 1.5;
 /// Readings kept at most: those of the time at 100 Hz.
 pub(super) const HISTORY: usize = 600;
 

@@ -31,6 +31,7 @@ mod slip;
 pub use contact_settings::ContactLearningSettings;
 pub use estimate::{ContactEstimate, Estimate, Innovation, Refused};
 pub(crate) use estimate::{bound_of_m, slide_share};
+pub(crate) use filter::HISTORY_S;
 pub use gains::LearnedGains;
 pub use settings::{AdaptationSettings, EstimatorSettings};
 pub(crate) use slip::SLIP_SMOOTHING_M_S;
