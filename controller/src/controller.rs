@@ -80,7 +80,7 @@ pub struct Controller {
     drives: Drives,
     predictions: Predictions,
     /// What a way like that of the plans until now costs: their errors and slowness over what they drive of the path.
-    way_cost: f64,
+    way_cost_per_m: f64,
     last_time_s: Option<f64>,
 }
 
@@ -129,7 +129,7 @@ impl Controller {
             ),
             dig: DigWatch::new(&config.estimator, half_track_m),
             phase: Phase::Driving { fallback_cycles: 0 },
-            way_cost: 0.0,
+            way_cost_per_m: 0.0,
             last_time_s: None,
             adapts,
             guard,

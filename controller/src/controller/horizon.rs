@@ -25,8 +25,6 @@ const MOST_RAD: f64 = 1.2;
 const LENGTH_MIN: f64 = 1.6;
 /// Largest factor by which the stages are stretched for that.
 const STRETCH_MAX: f64 = 8.0;
-/// Growth of the price of speed with the cost of a way.
-const PRICE_BY_WAY: f64 = 2.0;
 /// Time over which the cost of a way is averaged, s: one plan may be far worse than the next.
 const WAY_COST_S: f64 = 0.25;
 /// Largest factor between the stretches of two cycles.
@@ -64,7 +62,7 @@ impl Controller {
         );
         // The plan ends where the drive before has ended.
         if reference.drive() != before {
-            self.way_cost = 0.0;
+            self.way_cost_per_m = 0.0;
             self.discard_plan();
         }
         Some(progress)
@@ -175,7 +173,8 @@ impl Controller {
             memory: self.memory.as_ref().filter(|memory| memory.config.by_place),
             estimate,
             progress,
-            weights: weights_by_way(&config.weights, self.way_cost),
+            weights: &config.weights,
+            way_cost_per_m: self.way_cost_per_m,
             certain_share: certain_share(
                 estimate.bound_across_m(progress.point.heading_rad)
                     / config.supervisor.cross_track_uncertainty_max_m,
@@ -201,8 +200,8 @@ impl Controller {
                 self.horizon.targets.push(target);
             }
             fastest_m_s = walk.fastest_m_s();
-            let way_cost = walk.way_cost(&config.weights);
-            self.way_cost += (elapsed_s / WAY_COST_S).min(1.0) * (way_cost - self.way_cost);
+            let change_per_m = walk.way_cost_per_m(&config.weights) - self.way_cost_per_m;
+            self.way_cost_per_m += (elapsed_s / WAY_COST_S).min(1.0) * change_per_m;
         }
         let mut limits = self.drives.limits(&config.limits);
         limits.traction.speed_m_s = limits.traction.speed_m_s.min(FASTER_MAX * fastest_m_s);
@@ -341,8 +340,8 @@ struct HorizonInputs<'a> {
     memory: Option<&'a Memory>,
     estimate: &'a Estimate,
     progress: &'a Progress,
-    /// Weights of a drive.
-    weights: Weights,
+    weights: &'a Weights,
+    way_cost_per_m: f64,
     /// Share of the speeds with which a vehicle drives that does not know well where it is.
     certain_share: f64,
 }
@@ -386,7 +385,7 @@ impl<'a> HorizonInputs<'a> {
             slip = slide_share(self.progress.cross_track_m) * speed_m_s * known.slip_per_m;
         }
         let mut errors_share = 1.0;
-        let weights = asked.weights(&self.weights, end_s);
+        let weights = asked.weights(self.weights, self.way_cost_per_m, end_s);
         if asked.motion == Motion::Drive && !asked.ends {
             // Errors count by the way that is driven with them, ahead or back.
             errors_share = asked.pace.powi(2).min(1.0);
@@ -403,17 +402,6 @@ impl<'a> HorizonInputs<'a> {
             weights,
             errors_share,
         }
-    }
-}
-
-/// Returns the weights of a drive whose way costs so much.
-///
-/// A plan ends after a time. One that waits, beside the path or before a place that is hard to pass, leaves what the way
-/// would have cost to the next plan, which waits as well. So to stand must cost what the way costs that is not driven.
-fn weights_by_way(weights: &Weights, way_cost: f64) -> Weights {
-    Weights {
-        speed: weights.speed + PRICE_BY_WAY * way_cost,
-        ..*weights
     }
 }
 

@@ -49,7 +49,7 @@ impl Controller {
         self.drives = Drives::new(&self.config);
         self.predictions.reset();
         self.issued.restart();
-        self.way_cost = 0.0;
+        self.way_cost_per_m = 0.0;
         self.watchdog.reset();
         self.dig.reset();
         self.discard_plan();

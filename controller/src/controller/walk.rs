@@ -33,8 +33,11 @@ const PIVOT_END: f64 = 10.0;
 /// Time that a turn on the spot takes to gain and lose speed, s, and how much longer than asked for it takes.
 const PIVOT_RAMPS_S: f64 = 1.0;
 const PIVOT_SLOWER: f64 = 1.2;
-/// Largest cost of a way: that of errors of 0.2 m at the default weights. A plan that hardly moves has no way to divide by.
+/// Largest cost of a way at the speed asked for, 1/s: that of errors of 0.2 m at the default weights. A plan that hardly
+/// moves has no way to divide by.
 const WAY_COST_MAX: f64 = 2.0;
+/// Growth of the price of speed with the cost of a way.
+const PRICE_BY_WAY: f64 = 2.0;
 /// Step with which the time for a length is summed, m.
 pub(super) const SUM_STEP_M: f64 = 0.1;
 
@@ -122,10 +125,15 @@ impl StageRequest {
         }
     }
 
-    /// Returns the weights of a stage that ends here, `end_s` after the begin of the horizon: near the begin an error
-    /// across the path is left as it is, since motors are too slow to correct it. At both ends of a drive the distance
-    /// along the path is one from it as well.
-    pub(super) fn weights(&self, w: &Weights, end_s: f64) -> StageWeights {
+    /// Returns the weights of a stage that ends here, `end_s` after the begin of the horizon, on a way that costs so much:
+    /// near the begin an error across the path is left as it is, since motors are too slow to correct it. At both ends of
+    /// a drive the distance along the path is one from it as well.
+    ///
+    /// A plan ends after a time. One that waits, beside the path or before a place that is hard to pass, leaves what the
+    /// way would have cost to the next plan, which waits as well. So to stand must cost what the way costs that is not
+    /// driven: of that, a stage drives less where less speed is asked for.
+    pub(super) fn weights(&self, w: &Weights, way_cost_per_m: f64, end_s: f64) -> StageWeights {
+        let speed = w.speed + PRICE_BY_WAY * way_cost_per_m * self.scale_m_s;
         let ramp = (end_s / CROSS_RAMP_S).min(1.0);
         let end = if self.ends { PIVOT_END } else { 1.0 };
         match self.motion {
@@ -137,7 +145,7 @@ impl StageRequest {
                 },
                 cross_per_m2: ramp * w.cross_per_m2,
                 heading_per_rad2: w.heading_per_rad2,
-                speed_s2_per_m2: w.speed / (self.scale_m_s * self.scale_m_s),
+                speed_s2_per_m2: speed / (self.scale_m_s * self.scale_m_s),
             },
             Motion::Pivot => StageWeights {
                 along_per_m2: end * PIVOT_POSITION_PER_M2,
@@ -173,6 +181,9 @@ pub(super) struct Walk<'a> {
 struct Way {
     /// Integral of p, s.
     driven_s: f64,
+    /// Integrals of the speed asked for, m, and of 1, s.
+    asked_m: f64,
+    time_s: f64,
     /// Integrals of p times the squares of the distance from the path, m^2 s, and of the heading error, rad^2 s.
     distances_m2_s: f64,
     headings_rad2_s: f64,
@@ -181,9 +192,11 @@ struct Way {
 }
 
 impl Way {
-    fn add(&mut self, time_s: f64, pace: f64, cross_m: f64, heading_rad: f64) {
-        let pace = pace.clamp(0.0, 1.0);
+    fn add(&mut self, time_s: f64, asked: &StageRequest, cross_m: f64, heading_rad: f64) {
+        let pace = asked.pace.clamp(0.0, 1.0);
         self.driven_s += time_s * pace;
+        self.asked_m += time_s * asked.scale_m_s;
+        self.time_s += time_s;
         self.distances_m2_s += time_s * pace * cross_m.powi(2);
         self.headings_rad2_s += time_s * pace * heading_rad.powi(2);
         self.slowness_s += time_s * (1.0 - pace).powi(2);
@@ -218,13 +231,14 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// Returns what a way like the plan's costs: its errors and its slowness over what it drives of the path.
-    pub(super) fn way_cost(&self, weights: &Weights) -> f64 {
+    /// Returns what a way like the plan's costs, 1/m: its errors and its slowness over what it drives of the path.
+    pub(super) fn way_cost_per_m(&self, weights: &Weights) -> f64 {
         let way = &self.way;
         let cost = weights.cross_per_m2 * way.distances_m2_s
             + weights.heading_per_rad2 * way.headings_rad2_s
             + weights.speed * way.slowness_s;
-        (cost / way.driven_s.max(f64::MIN_POSITIVE)).min(WAY_COST_MAX)
+        let cost_per_s = (cost / way.driven_s.max(f64::MIN_POSITIVE)).min(WAY_COST_MAX);
+        cost_per_s * way.time_s / way.asked_m.max(f64::MIN_POSITIVE)
     }
 
     /// Returns the largest speed allowed so far on the path, m/s, braking left out; infinite on the spot.
@@ -276,7 +290,7 @@ impl<'a> Walk<'a> {
                     true => state.z - asked.pose.yaw_rad,
                     false => 0.0,
                 };
-                self.way.add(step_s, asked.pace, cross_m, heading_rad);
+                self.way.add(step_s, &asked, cross_m, heading_rad);
             }
         }
         asked

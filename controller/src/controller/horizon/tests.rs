@@ -188,7 +188,10 @@ fn the_price_of_speed_follows_the_cost_of_the_way() {
         let controller = following(ControllerKind::IcrikMpc, &course, 0.0, cycles, beside);
         let target = &controller.horizon.targets[0];
         let own = controller.config.weights.speed / target.speed_m_s.abs().max(0.6).powi(2);
-        (target.weights.speed_s2_per_m2 / own, controller.way_cost)
+        (
+            target.weights.speed_s2_per_m2 / own,
+            controller.way_cost_per_m,
+        )
     };
     // What the first plan costs is known after it.
     assert!(price(0.3, 1).0 < price(0.3, 3).0);
@@ -196,21 +199,6 @@ fn the_price_of_speed_follows_the_cost_of_the_way() {
     assert!(on_path.1 < 0.1, "{on_path:?}");
     assert!(beside.1 > 5.0 * on_path.1, "{beside:?} {on_path:?}");
     assert!(beside.0 > 3.0 * on_path.0, "{beside:?} {on_path:?}");
-}
-
-#[test]
-fn a_way_that_costs_more_has_a_larger_weight_of_speed_and_no_other() {
-    let own = Weights::default();
-    assert_eq!(weights_by_way(&own, 0.0), own);
-    let dear = weights_by_way(&own, 0.4);
-    assert!((dear.speed - own.speed - 0.8).abs() < 1e-12);
-    assert_eq!(
-        Weights {
-            speed: own.speed,
-            ..dear
-        },
-        own
-    );
 }
 
 #[test]

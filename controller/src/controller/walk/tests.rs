@@ -101,7 +101,7 @@ fn a_drive_asks_for_the_place_beside_the_plan_and_for_the_pace_with_which_the_pl
 }
 
 #[test]
-fn a_way_costs_its_errors_and_its_slowness_over_what_is_driven_of_the_path() {
+fn a_way_costs_its_errors_and_its_slowness_over_each_metre_that_is_driven_of_the_path() {
     let weights = Weights {
         cross_per_m2: 20.0,
         heading_per_rad2: 0.5,
@@ -111,17 +111,20 @@ fn a_way_costs_its_errors_and_its_slowness_over_what_is_driven_of_the_path() {
     let reference = straight(5.0);
     let cost = |states: &[(f64, f64, f64)]| {
         let mut walk = along_the_straight(&reference);
-        assert_eq!(walk.way_cost(&weights), 0.0);
+        assert_eq!(walk.way_cost_per_m(&weights), 0.0);
         for (along_m, left_m, end_s) in states {
             step(&mut walk, state(*along_m, *left_m), *end_s);
         }
-        walk.way_cost(&weights)
+        walk.way_cost_per_m(&weights)
     };
-    // At the asked 0.5 m/s, and at half of that; the first stage has no begin.
+    // At the asked 0.5 m/s, a second for half a metre, and at half of that; the first stage has no begin.
     let whole = cost(&[(5.0, 0.1, 0.2), (5.1, 0.1, 0.4)]);
-    assert!((whole - 20.0 * 0.01).abs() < 1e-6, "{whole}");
+    assert!((0.5 * whole - 20.0 * 0.01).abs() < 1e-6, "{whole}");
     let half = cost(&[(5.0, -0.1, 0.2), (5.05, -0.1, 0.4)]);
-    assert!((half - (0.2 + 0.3 * 0.25 / 0.5)).abs() < 1e-6, "{half}");
+    assert!(
+        (0.5 * half - (0.2 + 0.3 * 0.25 / 0.5)).abs() < 1e-6,
+        "{half}"
+    );
     // Headings count as well, but of a vehicle whose origin follows the path alone.
     let aside = TrackedPoint {
         right_m: 0.1,
@@ -135,16 +138,16 @@ fn a_way_costs_its_errors_and_its_slowness_over_what_is_driven_of_the_path() {
             let there = turned - Vector3::new(back.0, back.1, 0.0);
             walk.to(&there, point, &Vector3::z(), end_s, 1.0);
         }
-        let turned = walk.way_cost(&weights);
-        assert!((turned - expected).abs() < 1e-6, "{turned}");
+        let turned = walk.way_cost_per_m(&weights);
+        assert!((0.5 * turned - expected).abs() < 1e-6, "{turned}");
     }
     // Longer stages count for more.
     let both = cost(&[(5.0, 0.0, 0.2), (5.1, 0.0, 0.4), (5.3, 0.2, 0.8)]);
-    assert!((both - 0.8 * 0.4 / 0.6).abs() < 1e-6, "{both}");
+    assert!((0.5 * both - 0.8 * 0.4 / 0.6).abs() < 1e-6, "{both}");
     // One that stands or backs drives nothing, and its cost has a bound.
     for back_m in [0.0, 0.1] {
         let none = cost(&[(5.0, 0.1, 0.2), (5.0 - back_m, 0.1, 0.4)]);
-        assert_eq!(none, WAY_COST_MAX);
+        assert!((0.5 * none - WAY_COST_MAX).abs() < 1e-6, "{none}");
     }
 }
 
@@ -349,7 +352,7 @@ fn between_two_stops_a_vehicle_is_as_fast_as_half_of_its_deceleration_lets_it() 
 #[test]
 fn the_weight_across_the_path_grows_over_the_ramp_and_only_while_driving() {
     let weights = Weights::default();
-    let cross = |asked: StageRequest, end_s| asked.weights(&weights, end_s).cross_per_m2;
+    let cross = |asked: StageRequest, end_s| asked.weights(&weights, 0.0, end_s).cross_per_m2;
     let full = weights.cross_per_m2;
     let drive = asked(Motion::Drive);
     assert!((cross(drive, CROSS_RAMP_S / 3.0) - full / 3.0).abs() < 1e-9);
@@ -357,7 +360,7 @@ fn the_weight_across_the_path_grows_over_the_ramp_and_only_while_driving() {
     assert_eq!(cross(drive, 7.0), full);
     let pivot = asked(Motion::Pivot);
     for (ends, factor) in [(false, 1.0), (true, 10.0)] {
-        let weights = StageRequest { ends, ..pivot }.weights(&weights, CROSS_RAMP_S / 3.0);
+        let weights = StageRequest { ends, ..pivot }.weights(&weights, 0.0, CROSS_RAMP_S / 3.0);
         assert_eq!(weights.along_per_m2, factor * PIVOT_POSITION_PER_M2);
         assert_eq!(weights.cross_per_m2, factor * PIVOT_POSITION_PER_M2);
         assert_eq!(weights.heading_per_rad2, factor * PIVOT_HEADING_PER_RAD2);
@@ -368,7 +371,7 @@ fn the_weight_across_the_path_grows_over_the_ramp_and_only_while_driving() {
 fn a_drive_is_weighed_in_speed_on_the_way_and_in_place_at_its_end() {
     let all = Weights::default();
     let on_the_way = asked(Motion::Drive);
-    let weights = on_the_way.weights(&all, 1.0);
+    let weights = on_the_way.weights(&all, 0.0, 1.0);
     assert_eq!(weights.along_per_m2, 0.0);
     // A vehicle that stands costs the same at every allowed speed.
     let standing = weights.speed_s2_per_m2 * on_the_way.scale_m_s.powi(2);
@@ -377,13 +380,34 @@ fn a_drive_is_weighed_in_speed_on_the_way_and_in_place_at_its_end() {
         ends: true,
         ..on_the_way
     };
-    let weights = end.weights(&all, 1.0);
+    let weights = end.weights(&all, 0.0, 1.0);
     assert_eq!(weights.along_per_m2, all.cross_per_m2);
     let behind = StageRequest {
         behind: true,
         ..on_the_way
     };
-    let weights = behind.weights(&all, CROSS_RAMP_S / 3.0);
+    let weights = behind.weights(&all, 0.0, CROSS_RAMP_S / 3.0);
     assert_eq!(weights.along_per_m2, weights.cross_per_m2);
     assert!(weights.along_per_m2 > 0.0);
+}
+
+#[test]
+fn to_stand_costs_what_the_way_costs_that_is_not_driven() {
+    let own = Weights::default();
+    let standing = |scale_m_s: f64, way_cost_per_m: f64| {
+        let asked = StageRequest {
+            scale_m_s,
+            ..asked(Motion::Drive)
+        };
+        let weights = asked.weights(&own, way_cost_per_m, 1.0);
+        assert_eq!(weights.cross_per_m2, own.cross_per_m2);
+        assert_eq!(weights.heading_per_rad2, own.heading_per_rad2);
+        weights.speed_s2_per_m2 * scale_m_s.powi(2)
+    };
+    // A vehicle that may drive fast leaves more of the way than one in the bend after it.
+    for scale_m_s in [0.2, 0.6, 2.0] {
+        assert!((standing(scale_m_s, 0.0) - own.speed).abs() < 1e-12);
+        let price = standing(scale_m_s, 0.4) - own.speed;
+        assert!((price - 2.0 * 0.4 * scale_m_s).abs() < 1e-12, "{price}");
+    }
 }
