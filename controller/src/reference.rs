@@ -63,7 +63,8 @@ const ARRIVED_M: f64 = 0.05;
 const NEAR_M: f64 = 0.3;
 /// Way by which a vehicle comes nearer, m, or turn, rad.
 const NEARER: f64 = 0.01;
-/// Time without that after which a drive is over at its end, and the last one near it, s.
+/// Time without that after which a drive is over at its end, and the last one near it, s: one that goes away from there
+/// again has that shorter time as well.
 const AT_END_S: f64 = 1.0;
 const NEAR_END_S: f64 = 3.0;
 /// Heading error at which a turn on the spot is over, rad, and that for a vehicle that comes no nearer for
@@ -288,7 +289,8 @@ impl Reference {
         let to_go_m = self.stop_at_m() - self.arc_length_m;
         self.come_nearer(elapsed_s, to_go_m);
         let last = self.drives_done + 1 >= self.ends_m.len();
-        let near = last && to_go_m <= NEAR_M && self.no_nearer_s >= NEAR_END_S;
+        let waits_s = if self.leaves { AT_END_S } else { NEAR_END_S };
+        let near = last && to_go_m <= NEAR_M && self.no_nearer_s >= waits_s;
         let arrived = to_go_m <= ARRIVED_M || near;
         if arrived && !last && (stands || self.stays()) {
             self.drives_done += 1;

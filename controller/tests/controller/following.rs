@@ -276,6 +276,31 @@ fn a_turn_that_comes_no_nearer_is_over_close_to_its_end_only() {
 }
 
 #[test]
+fn the_last_drive_is_over_near_its_end_sooner_for_a_vehicle_that_goes_away_again() {
+    // It waits 9 cm before the end, where it may still come nearer, or goes back from there.
+    for (back_m_s, most_to_go_m, longest_s) in [(0.0, 0.1, 3.3), (0.06, 0.16, 1.3)] {
+        let trajectory = course("{shape: straight, length_m: 4, speed_m_s: 0.5}");
+        let path = trajectory.path().unwrap().clone();
+        let mut reference = Reference::new(trajectory);
+        let mut at = |to_go_m: f64| {
+            reference
+                .advance(0.05, &pose_at(&path, 4.0 - to_go_m), false)
+                .ended
+        };
+        assert!((0..100).all(|i| !at(4.0 - 0.0391 * f64::from(i))));
+        let (mut to_go_m, mut waited_s) = (0.09, 0.0);
+        while !at(to_go_m) {
+            (to_go_m, waited_s) = (to_go_m + 0.05 * back_m_s, waited_s + 0.05);
+            assert!(waited_s < 10.0);
+        }
+        assert!(
+            to_go_m < most_to_go_m && waited_s < longest_s,
+            "{to_go_m} {waited_s}"
+        );
+    }
+}
+
+#[test]
 fn pure_pursuit_drives_into_a_cusp_back_out_of_it_and_to_its_end() {
     for (course_text, slope_right_m) in [
         (
