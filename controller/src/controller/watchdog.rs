@@ -15,7 +15,8 @@ use std::collections::VecDeque;
 const AT_LIMIT: f64 = 0.95;
 /// Distance that the reference must have advanced, m, before progress along the path is judged.
 const ASKED_MIN_M: f64 = 0.3;
-/// A vehicle that has turned this much does not stand, rad.
+/// A vehicle that has come this far, m, or turned this much, rad, does not stand.
+const PROGRESS_M: f64 = 0.3;
 const TURNED_MIN_RAD: f64 = 0.1;
 
 /// One cycle of a vehicle that drives.
@@ -324,7 +325,7 @@ impl Watchdog {
         }
         // Back from a cusp a vehicle is where it was, and on its way to the path it comes no farther along it.
         let asked_m = end.asked_m - start.asked_m;
-        let least_m = self.share * asked_m;
+        let least_m = (self.share * asked_m).min(PROGRESS_M);
         let near = |place: &Sums| (place.x_m - start.x_m).hypot(place.y_m - start.y_m) < least_m;
         let stands = turned_rad.abs() < TURNED_MIN_RAD
             && end.along_m - start.along_m < least_m

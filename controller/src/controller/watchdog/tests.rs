@@ -494,6 +494,13 @@ fn a_vehicle_stalls_that_makes_less_than_a_tenth_of_the_way_asked_for() {
     // It moves, beside the path or along it.
     assert_eq!(stall_of(|_| creeps(0.06, 0.0)), None);
     assert_eq!(stall_of(|_| creeps(0.0, 0.06)), None);
+    // However fast it should be, 0.3 m of way is progress.
+    let slow = |along_m_s: f64| Moment {
+        asked_m_s: 3.0,
+        ..creeps(0.0, along_m_s)
+    };
+    assert_stalls(Stall::Path, |_| slow(0.06));
+    assert_eq!(stall_of(|_| slow(0.07)), None);
     // Away and back within the window.
     let swings = |time_s: f64| creeps(0.5 * (1.0 - time_s % 2.0).signum(), 0.0);
     assert_eq!(stall_of(swings), None);
