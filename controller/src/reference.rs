@@ -59,12 +59,14 @@ pub const PROJECTION_WINDOW: Window = Window {
 
 /// Distance from the end of a drive at which it is over, m.
 const ARRIVED_M: f64 = 0.05;
-/// Distance from the end of the last drive within which it is over for a vehicle that comes no nearer, m.
+/// Distances from the end of the last drive, and of one before, within which it is over for a vehicle that comes no nearer,
+/// m: near its end a drive asks for speeds that may be too low for a motor to move at.
 const NEAR_M: f64 = 0.3;
+const NEAR_STOP_M: f64 = 0.1;
 /// Way by which a vehicle comes nearer, m, or turn, rad.
 const NEARER: f64 = 0.01;
-/// Time without that after which a drive is over at its end, and the last one near it, s: one that goes away from there
-/// again has that shorter time as well.
+/// Time without that after which a drive is over at its end, and near it, s: a vehicle that goes away from there again has
+/// that shorter time as well.
 const AT_END_S: f64 = 1.0;
 const NEAR_END_S: f64 = 3.0;
 /// Heading error at which a turn on the spot is over, rad, and that for a vehicle that comes no nearer for
@@ -290,7 +292,8 @@ impl Reference {
         self.come_nearer(elapsed_s, to_go_m);
         let last = self.drives_done + 1 >= self.ends_m.len();
         let waits_s = if self.leaves { AT_END_S } else { NEAR_END_S };
-        let near = last && to_go_m <= NEAR_M && self.no_nearer_s >= waits_s;
+        let near_m = if last { NEAR_M } else { NEAR_STOP_M };
+        let near = to_go_m <= near_m && self.no_nearer_s >= waits_s;
         let arrived = to_go_m <= ARRIVED_M || near;
         if arrived && !last && (stands || self.stays()) {
             self.drives_done += 1;

@@ -301,6 +301,25 @@ fn the_last_drive_is_over_near_its_end_sooner_for_a_vehicle_that_goes_away_again
 }
 
 #[test]
+fn a_drive_to_a_cusp_is_over_for_a_vehicle_that_comes_no_nearer_within_a_tenth_of_a_metre() {
+    for (short_m, is_over) in [(0.08, true), (0.12, false)] {
+        let trajectory = course("{shape: cusp, radius_m: 3, angle_deg: 80, speed_m_s: 0.5}");
+        let path = trajectory.path().unwrap().clone();
+        let mut reference = Reference::new(trajectory);
+        let cusp_m = path.cusps_m().next().unwrap();
+        for i in 0..=100 {
+            let driven_m = (cusp_m - short_m) * f64::from(i) / 100.0;
+            reference.advance(0.05, &pose_at(&path, driven_m), false);
+        }
+        let short = pose_at(&path, cusp_m - short_m);
+        let mut backwards = || reference.advance(0.05, &short, false).point.speed_m_s < 0.0;
+        let over_s = (1..200).find(|_| backwards()).map(|i| 0.05 * f64::from(i));
+        assert_eq!(over_s.is_some(), is_over, "{short_m}");
+        assert!(over_s.is_none_or(|over_s| (2.5..3.5).contains(&over_s)));
+    }
+}
+
+#[test]
 fn pure_pursuit_drives_into_a_cusp_back_out_of_it_and_to_its_end() {
     for (course_text, slope_right_m) in [
         (
