@@ -254,7 +254,7 @@ TABLES = {
     "speeds": (speeds, "minutes"),
     "first_day": (lambda: campaign("first_day", 1000005, 1000, FOUR), "ten minutes of CPU time"),
     "vehicles": (lambda: campaign("vehicles", 1000002, 2000, FOUR), "ten minutes of CPU time"),
-    "mujoco": (lambda: engine("mujoco"), "an hour; needs the wheel and MuJoCo"),
+    "mujoco": (lambda: engine("mujoco"), "minutes; needs the wheel and MuJoCo"),
     "drake": (lambda: engine("drake"), "ten minutes; needs the wheel and Drake"),
 }
 
