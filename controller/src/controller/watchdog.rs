@@ -13,10 +13,9 @@ use std::collections::VecDeque;
 
 /// Share of its limit from which a motor speed counts as at its limit.
 const AT_LIMIT: f64 = 0.95;
-/// Distance that the reference must have advanced, m, before progress along the path is judged.
-const ASKED_MIN_M: f64 = 0.3;
-/// A vehicle that has come this far, m, or turned this much, rad, does not stand.
+/// Way that must have been asked for before progress along the path is judged, and that is progress, m.
 const PROGRESS_M: f64 = 0.3;
+/// A vehicle that has turned this much does not stand, rad.
 const TURNED_MIN_RAD: f64 = 0.1;
 
 /// One cycle of a vehicle that drives.
@@ -330,7 +329,7 @@ impl Watchdog {
         let stands = turned_rad.abs() < TURNED_MIN_RAD
             && end.along_m - start.along_m < least_m
             && self.history.iter().all(near);
-        (asked_m >= ASKED_MIN_M && stands).then_some(Stall::Path)
+        (asked_m >= PROGRESS_M && stands).then_some(Stall::Path)
     }
 }
 
