@@ -5,7 +5,7 @@
 //! there. A turn on the spot, at a corner or as all there is, is a drive in heading.
 
 use crate::path::{Path, PathPoint, Point2, Window};
-use crate::trajectory::{Ending, Motion, ReferencePoint, SpotTurn, Trajectory};
+use crate::trajectory::{Ending, ReferencePoint, SpotTurn, Trajectory};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 
@@ -242,21 +242,6 @@ impl Reference {
         (self.drives_done, self.turn.is_some())
     }
 
-    /// Returns where a turn on the spot is at a heading, rad.
-    pub(crate) fn turned(&self, turn: &SpotTurn, heading_rad: f64) -> ReferencePoint {
-        let time_s = turn.time_of(heading_rad);
-        let mut point = self.trajectory.at(time_s);
-        if let Some(path) = self.path() {
-            point.position = path.at(turn.arc_length_m).position;
-            point.arc_length_m = turn.arc_length_m;
-            point.heading_rad = turn.heading_at(time_s);
-            point.speed_m_s = 0.0;
-            point.yaw_rate_rad_s = turn.yaw_rate_rad_s();
-            point.motion = Motion::Pivot;
-        }
-        point
-    }
-
     /// Returns the heading of a vehicle on a turn on the spot, rad, counted on over whole turns.
     pub(crate) fn unwrapped(&self, yaw_rad: f64) -> f64 {
         self.heading_rad + wrap_angle(yaw_rad - self.heading_rad)
@@ -334,24 +319,16 @@ impl Reference {
             return self.trajectory.at(self.time_s);
         };
         let at = self.on_drive(path, self.arc_length_m);
-        let speed_m_s = if ended && self.trajectory.ending() == Ending::Stop {
-            0.0
-        } else {
-            self.trajectory.speed_at(self.arc_length_m)
-        };
-        ReferencePoint {
-            time_s: self.time_s,
+        let ended = ended && self.trajectory.ending() == Ending::Stop;
+        let point = ReferencePoint {
             arc_length_m: self.arc_length_m,
-            position: at.position,
-            heading_rad: at.heading_rad,
-            speed_m_s: at.direction.sign() * speed_m_s,
-            yaw_rate_rad_s: at.curvature_per_m * speed_m_s,
-            motion: if speed_m_s > 0.0 {
-                Motion::Drive
-            } else {
-                Motion::Stand
-            },
-        }
+            ..ReferencePoint::driving(
+                self.time_s,
+                &at,
+                self.trajectory.speed_at(self.arc_length_m),
+            )
+        };
+        if ended { point.standing() } else { point }
     }
 
     /// Moves to the point of the present drive nearest to the vehicle and returns the distance from the path.
@@ -423,7 +400,7 @@ impl Reference {
         let near = to_go_rad <= NEAR_RAD && self.no_nearer_s >= NEAR_END_S;
         let ended = to_go_rad <= ARRIVED_RAD || near;
         let heading_rad = if ended { turn.to_rad } else { self.heading_rad };
-        let mut point = self.turned(turn, heading_rad);
+        let mut point = turn.at(turn.time_of(heading_rad));
         self.time_s = turn.time_of(self.heading_rad);
         if ended && self.path().is_none() {
             point = self.trajectory.at(turn.to_s);

@@ -1,11 +1,8 @@
-//! Time-parametrised references.
+//! Paths with the speeds allowed along them, and the times of a vehicle that keeps these speeds.
 
-use crate::path::{Hermite, Path, PathError, Point2, SAMPLE_STEP_M};
+use crate::path::{Corner, Path, PathError, PathPoint, Point2};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::PlanarPose;
-
-/// Largest distance in time between the nodes of a trajectory, s.
-pub(crate) const NODE_STEP_S: f64 = 0.05;
 
 /// What the vehicle does at a point of a trajectory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -49,6 +46,29 @@ pub struct ReferencePoint {
 }
 
 impl ReferencePoint {
+    /// Returns a vehicle that drives at a speed, m/s, at a point of its path.
+    pub(crate) fn driving(time_s: f64, at: &PathPoint, speed_m_s: f64) -> Self {
+        Self {
+            time_s,
+            arc_length_m: at.arc_length_m,
+            position: at.position,
+            heading_rad: at.heading_rad,
+            speed_m_s: at.direction.sign() * speed_m_s,
+            yaw_rate_rad_s: at.curvature_per_m * speed_m_s,
+            motion: Motion::Drive,
+        }
+    }
+
+    /// Returns a vehicle that stands here.
+    pub(crate) fn standing(self) -> Self {
+        Self {
+            speed_m_s: 0.0,
+            yaw_rate_rad_s: 0.0,
+            motion: Motion::Stand,
+            ..self
+        }
+    }
+
     /// Returns where the vehicle should be, heading included.
     pub fn pose(&self) -> PlanarPose {
         PlanarPose {
@@ -59,17 +79,19 @@ impl ReferencePoint {
     }
 }
 
-/// A time-parametrised reference, stored on a uniform grid of time, with the speeds allowed along its path.
+/// A path, or a turn on the spot, with the speeds allowed along it.
+///
+/// Its times are those of a vehicle that always has the speed allowed, and turns on the spot at corners.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "RawTrajectory")]
+#[serde(try_from = "RawTrajectory", into = "RawTrajectory")]
 pub struct Trajectory {
-    nodes: Vec<Node>,
-    step_s: f64,
     path: Option<Path>,
     ending: Ending,
-    /// Largest speed, m/s, at arc lengths a uniform step apart, the first at 0, the last at the end; none without a
-    /// path.
+    length_m: f64,
+    /// Largest speed, m/s, and the time that driving there takes, s, at arc lengths a uniform step apart, the first at 0,
+    /// the last at the end.
     speeds_m_s: Vec<f64>,
+    times_s: Vec<f64>,
     /// In the order of time.
     turns: Vec<SpotTurn>,
 }
@@ -79,6 +101,9 @@ pub struct Trajectory {
 pub(crate) struct SpotTurn {
     /// Where on the path it is, m.
     pub(crate) arc_length_m: f64,
+    /// The place about which the vehicle's origin turns, and how far forward of the origin that is, m.
+    pub(crate) centre: Point2,
+    pub(crate) centre_forward_m: f64,
     /// When it begins and ends, s.
     pub(crate) from_s: f64,
     pub(crate) to_s: f64,
@@ -93,109 +118,129 @@ impl SpotTurn {
         (self.to_rad - self.from_rad) / (self.to_s - self.from_s)
     }
 
-    /// Returns the heading at a time of the trajectory, rad.
-    pub(crate) fn heading_at(&self, time_s: f64) -> f64 {
-        let within_s = time_s.clamp(self.from_s, self.to_s) - self.from_s;
-        self.from_rad + within_s * self.yaw_rate_rad_s()
-    }
-
     /// Returns the time at which the trajectory has a heading, s.
     pub(crate) fn time_of(&self, heading_rad: f64) -> f64 {
         let share = (heading_rad - self.from_rad) / (self.to_rad - self.from_rad);
         self.from_s + share.clamp(0.0, 1.0) * (self.to_s - self.from_s)
     }
+
+    /// Returns where the vehicle is at a time of the trajectory.
+    pub(crate) fn at(&self, time_s: f64) -> ReferencePoint {
+        let within_s = time_s.clamp(self.from_s, self.to_s) - self.from_s;
+        let heading_rad = self.from_rad + within_s * self.yaw_rate_rad_s();
+        let (sin, cos) = heading_rad.sin_cos();
+        ReferencePoint {
+            time_s,
+            arc_length_m: self.arc_length_m,
+            position: Point2 {
+                x_m: self.centre.x_m + self.centre_forward_m * sin,
+                y_m: self.centre.y_m - self.centre_forward_m * cos,
+            },
+            heading_rad,
+            speed_m_s: 0.0,
+            yaw_rate_rad_s: self.yaw_rate_rad_s(),
+            motion: Motion::Pivot,
+        }
+    }
 }
 
-#[derive(Deserialize)]
+#[derive(Serialize, Deserialize)]
 struct RawTrajectory {
-    nodes: Vec<Node>,
-    step_s: f64,
     path: Option<Path>,
     ending: Ending,
+    length_m: f64,
     speeds_m_s: Vec<f64>,
     turns: Vec<SpotTurn>,
+}
+
+impl From<Trajectory> for RawTrajectory {
+    fn from(trajectory: Trajectory) -> Self {
+        Self {
+            path: trajectory.path,
+            ending: trajectory.ending,
+            length_m: trajectory.length_m,
+            speeds_m_s: trajectory.speeds_m_s,
+            turns: trajectory.turns,
+        }
+    }
 }
 
 impl TryFrom<RawTrajectory> for Trajectory {
     type Error = PathError;
 
     fn try_from(raw: RawTrajectory) -> Result<Self, PathError> {
-        let turns = raw.turns;
-        Ok(
-            Self::new(raw.nodes, raw.step_s, raw.path, raw.ending, raw.speeds_m_s)?
-                .with_turns(turns),
-        )
+        if !raw.turns.iter().all(|turn| turn.from_s < turn.to_s) {
+            return Err(PathError::ZeroLength);
+        }
+        match (raw.path, raw.turns.first()) {
+            (Some(path), _) => Ok(Self {
+                turns: raw.turns,
+                ..Self::along(path, raw.ending, raw.length_m, raw.speeds_m_s)?
+            }),
+            (None, Some(turn)) => Ok(Self::turning(*turn)),
+            (None, None) => Err(PathError::ZeroLength),
+        }
     }
-}
-
-/// The state of a trajectory at a time of its grid.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Node {
-    pub(crate) arc_length_m: f64,
-    pub(crate) position: Point2,
-    pub(crate) heading_rad: f64,
-    /// Along the heading.
-    pub(crate) speed_m_s: f64,
-    pub(crate) yaw_rate_rad_s: f64,
-    /// From this node to the next.
-    pub(crate) motion: Motion,
 }
 
 impl Trajectory {
-    /// Makes a trajectory of nodes a uniform `step_s` apart, whose own speeds are those allowed.
-    pub(crate) fn from_nodes(
-        nodes: Vec<Node>,
-        step_s: f64,
-        path: Option<Path>,
+    /// Makes a trajectory of a length along a path from the speeds at arc lengths a uniform step apart. A closed path may be
+    /// driven more than once.
+    ///
+    /// # Errors
+    /// [`PathError::ZeroLength`] of fewer than two speeds, and where they or the length are not positive.
+    pub(crate) fn along(
+        path: Path,
         ending: Ending,
-    ) -> Result<Self, PathError> {
-        let mut own = Self::new(nodes, step_s, path, ending, vec![0.0, 0.0])?;
-        let intervals = match own.path {
-            Some(_) => (own.length_m() / SAMPLE_STEP_M).ceil().max(1.0) as usize,
-            None => return Ok(own),
-        };
-        own.speeds_m_s = (0..=intervals)
-            .map(|i| own.length_m() * i as f64 / intervals as f64)
-            .map(|arc_length_m| own.at(own.time_at(arc_length_m)).speed_m_s.abs())
-            .collect();
-        Ok(own)
-    }
-
-    /// Makes a trajectory of nodes a uniform `step_s` apart and the speeds allowed along its path.
-    pub(crate) fn new(
-        nodes: Vec<Node>,
-        step_s: f64,
-        path: Option<Path>,
-        ending: Ending,
+        length_m: f64,
         speeds_m_s: Vec<f64>,
     ) -> Result<Self, PathError> {
-        if nodes.len() < 2 || speeds_m_s.len() < 2 || step_s <= 0.0 {
+        let positive = |value: &f64| value.is_finite() && *value > 0.0;
+        if speeds_m_s.len() < 2 || !positive(&length_m) || !speeds_m_s.iter().all(positive) {
             return Err(PathError::ZeroLength);
         }
-        let mut own = Self {
-            nodes,
-            step_s,
-            path,
+        let step_m = length_m / (speeds_m_s.len() - 1) as f64;
+        let mut times_s = vec![0.0];
+        times_s.extend(speeds_m_s.windows(2).scan(0.0, |time_s, pair| {
+            *time_s += 2.0 * step_m / (pair[0] + pair[1]);
+            Some(*time_s)
+        }));
+        Ok(Self {
+            path: Some(path),
             ending,
+            length_m,
             speeds_m_s,
+            times_s,
             turns: Vec::new(),
-        };
-        if own.path.is_none() {
-            own.turns = vec![SpotTurn {
-                arc_length_m: 0.0,
-                from_s: 0.0,
-                to_s: own.duration_s(),
-                from_rad: own.nodes[0].heading_rad,
-                to_rad: own.last().heading_rad,
-            }];
-        }
-        Ok(own)
+        })
     }
 
-    /// Returns this trajectory with the turns on the spot along its path.
-    pub(crate) fn with_turns(mut self, turns: Vec<SpotTurn>) -> Self {
-        if self.path.is_some() {
-            self.turns = turns;
+    /// Makes a trajectory of one turn on the spot, which begins at time 0.
+    pub(crate) fn turning(turn: SpotTurn) -> Self {
+        Self {
+            path: None,
+            ending: Ending::Stop,
+            length_m: 0.0,
+            speeds_m_s: vec![0.0, 0.0],
+            times_s: vec![0.0, 0.0],
+            turns: vec![turn],
+        }
+    }
+
+    /// Returns this trajectory with turns on the spot at the corners of its path, at a yaw rate, rad/s.
+    pub(crate) fn turning_at_corners(mut self, yaw_rate_rad_s: f64) -> Self {
+        let corners: Vec<Corner> = self.path.iter().flat_map(Path::corners).collect();
+        for corner in corners {
+            let from_s = self.time_at(corner.arc_length_m);
+            self.turns.push(SpotTurn {
+                arc_length_m: corner.arc_length_m,
+                centre: corner.position,
+                centre_forward_m: 0.0,
+                from_s,
+                to_s: from_s + corner.turn_rad.abs() / yaw_rate_rad_s,
+                from_rad: corner.from_rad,
+                to_rad: corner.from_rad + corner.turn_rad,
+            });
         }
         self
     }
@@ -211,26 +256,52 @@ impl Trajectory {
     ///
     /// It is the speed that was asked for, lowered where bends, rates or ground do not allow it.
     pub fn speed_at(&self, arc_length_m: f64) -> f64 {
-        let length_m = self.length_m();
-        let last = self.speeds_m_s.len() - 1;
         let within_m = match self.ending {
-            Ending::Periodic if length_m > 0.0 => arc_length_m.rem_euclid(length_m),
-            _ => arc_length_m.clamp(0.0, length_m),
+            Ending::Periodic => arc_length_m.rem_euclid(self.length_m),
+            Ending::Stop => arc_length_m,
         };
-        let place = within_m / length_m.max(f64::MIN_POSITIVE) * last as f64;
-        let low = (place as usize).min(last - 1);
-        let ratio = (place - low as f64).clamp(0.0, 1.0);
+        let (low, ratio) = self.place(within_m);
         (1.0 - ratio) * self.speeds_m_s[low] + ratio * self.speeds_m_s[low + 1]
+    }
+
+    /// Returns the index of the last speed before an arc length of a period, and the share of the step to the next.
+    fn place(&self, arc_length_m: f64) -> (usize, f64) {
+        let last = self.speeds_m_s.len() - 1;
+        let within_m = arc_length_m.clamp(0.0, self.length_m);
+        let place = within_m / self.length_m.max(f64::MIN_POSITIVE) * last as f64;
+        let low = (place as usize).min(last - 1);
+        (low, (place - low as f64).clamp(0.0, 1.0))
+    }
+
+    /// Returns the time that driving to an arc length of a period takes, without turns on the spot, s.
+    fn driving_s(&self, arc_length_m: f64) -> f64 {
+        if self.length_m == 0.0 {
+            return 0.0;
+        }
+        let (low, ratio) = self.place(arc_length_m);
+        let (from, to) = (self.speeds_m_s[low], self.speeds_m_s[low + 1]);
+        let speed_m_s = (from * from + ratio * (to * to - from * from)).sqrt();
+        let step_s = self.times_s[low + 1] - self.times_s[low];
+        self.times_s[low] + ratio * (from + to) / (from + speed_m_s) * step_s
+    }
+
+    /// Returns the arc length of a period that driving for a time reaches, m.
+    fn driven_m(&self, driving_s: f64) -> f64 {
+        let last = self.times_s.len() - 1;
+        let after = self.times_s.partition_point(|time_s| *time_s <= driving_s);
+        let low = after.clamp(1, last) - 1;
+        let (from, to) = (self.speeds_m_s[low], self.speeds_m_s[low + 1]);
+        let span_s = self.times_s[low + 1] - self.times_s[low];
+        let share = ((driving_s - self.times_s[low]) / span_s).clamp(0.0, 1.0);
+        let way = share * (2.0 * from + share * (to - from)) / (from + to);
+        self.length_m * (low as f64 + way) / last as f64
     }
 
     /// Returns this trajectory as seen from another frame, in which the origin of its own is at
     /// `frame`: `frame.yaw_rad` is the turn from the other axes to its own.
     pub fn seen_from(mut self, frame: &PlanarPose) -> Self {
-        for node in &mut self.nodes {
-            node.position = node.position.seen_from(frame);
-            node.heading_rad += frame.yaw_rad;
-        }
         for turn in &mut self.turns {
+            turn.centre = turn.centre.seen_from(frame);
             turn.from_rad += frame.yaw_rad;
             turn.to_rad += frame.yaw_rad;
         }
@@ -240,12 +311,12 @@ impl Trajectory {
 
     /// Returns the duration, s; of one period where the trajectory is periodic.
     pub fn duration_s(&self) -> f64 {
-        self.step_s * (self.nodes.len() - 1) as f64
+        self.within_period_s(self.length_m, self.turns.last())
     }
 
     /// Returns the distance travelled until the end, or in one period, m.
     pub fn length_m(&self) -> f64 {
-        self.last().arc_length_m
+        self.length_m
     }
 
     /// Returns what happens after the end.
@@ -258,118 +329,70 @@ impl Trajectory {
         self.path.as_ref()
     }
 
-    /// Returns the reference at a time, in constant time and without allocation.
+    /// Returns the reference at a time, without allocation.
     ///
-    /// Position, heading and arc length are cubic Hermite interpolations between nodes at most
-    /// 0.05 s apart, speed and yaw rate linear ones. Before the start the vehicle stands in the
-    /// first pose; after the end it does what [`Trajectory::ending`] says.
+    /// Before the start the vehicle stands in the first pose; after the end it does what [`Trajectory::ending`] says.
     pub fn at(&self, time_s: f64) -> ReferencePoint {
         let duration_s = self.duration_s();
-        if time_s < 0.0 {
-            return self.standing(time_s, &self.nodes[0]);
-        }
-        let (periods, within_s) = match self.ending {
-            Ending::Stop if time_s >= duration_s => return self.standing(time_s, self.last()),
-            Ending::Stop => (0.0, time_s),
-            Ending::Periodic => {
-                let periods = (time_s / duration_s).floor();
-                (periods, (time_s - periods * duration_s).max(0.0))
-            }
+        let periods = match self.ending {
+            Ending::Stop => 0.0,
+            Ending::Periodic => (time_s / duration_s).floor().max(0.0),
         };
-        let from_start = within_s / self.step_s;
-        let index = (from_start as usize).min(self.nodes.len() - 2);
-        let (a, b) = (&self.nodes[index], &self.nodes[index + 1]);
-        let hermite = Hermite::at(from_start - index as f64, self.step_s);
-        let (velocity_a, velocity_b) = (a.velocity_m_s(), b.velocity_m_s());
-        let turn_rad = self.last().heading_rad - self.nodes[0].heading_rad;
-        ReferencePoint {
+        let within_s = (time_s - periods * duration_s).clamp(0.0, duration_s);
+        let point = ReferencePoint {
             time_s,
-            arc_length_m: hermite.value(
-                a.arc_length_m,
-                a.speed_m_s.abs(),
-                b.arc_length_m,
-                b.speed_m_s.abs(),
-            ) + periods * self.length_m(),
-            position: Point2 {
-                x_m: hermite.value(a.position.x_m, velocity_a[0], b.position.x_m, velocity_b[0]),
-                y_m: hermite.value(a.position.y_m, velocity_a[1], b.position.y_m, velocity_b[1]),
-            },
-            heading_rad: hermite.value(
-                a.heading_rad,
-                a.yaw_rate_rad_s,
-                b.heading_rad,
-                b.yaw_rate_rad_s,
-            ) + periods * turn_rad,
-            speed_m_s: hermite.linear(a.speed_m_s, b.speed_m_s),
-            yaw_rate_rad_s: hermite.linear(a.yaw_rate_rad_s, b.yaw_rate_rad_s),
-            motion: a.motion,
+            ..self.within(within_s, periods)
+        };
+        let ended = self.ending == Ending::Stop && time_s >= duration_s;
+        if time_s < 0.0 || ended {
+            return point.standing();
         }
+        point
+    }
+
+    /// Returns the reference at a time of a period.
+    fn within(&self, time_s: f64, periods: f64) -> ReferencePoint {
+        let Some(path) = &self.path else {
+            return self.turns[0].at(time_s);
+        };
+        let done = self.turns.partition_point(|turn| turn.to_s <= time_s);
+        if let Some(turn) = self.turns.get(done).filter(|turn| turn.from_s <= time_s) {
+            return turn.at(time_s);
+        }
+        let driving_s = match self.turns[..done].last() {
+            Some(turn) => time_s - turn.to_s + self.driving_s(turn.arc_length_m),
+            None => time_s,
+        };
+        let mut arc_length_m = self.driven_m(driving_s);
+        let speed_m_s = self.speed_at(arc_length_m);
+        if self.ending == Ending::Stop {
+            // The end of a closed path belongs to this lap.
+            arc_length_m = arc_length_m.min(path.length_m().next_down());
+        }
+        let at = path.at(arc_length_m + periods * self.length_m);
+        ReferencePoint::driving(time_s, &at, speed_m_s)
     }
 
     /// Returns the earliest time at which `arc_length_m` has been travelled, s; of arc lengths
     /// before the start 0, beyond the end the duration, or counted on where the trajectory is
     /// periodic.
     pub fn time_at(&self, arc_length_m: f64) -> f64 {
-        let length_m = self.length_m();
         let periods = match self.ending {
-            Ending::Periodic if length_m > 0.0 => (arc_length_m / length_m).floor().max(0.0),
-            _ => 0.0,
+            Ending::Periodic => (arc_length_m / self.length_m).floor().max(0.0),
+            Ending::Stop => 0.0,
         };
-        let within_m = arc_length_m - periods * length_m;
-        let after = self
-            .nodes
-            .partition_point(|node| node.arc_length_m < within_m);
-        let within_s = if after == 0 {
-            0.0
-        } else if after == self.nodes.len() {
-            self.duration_s()
-        } else {
-            self.step_s * ((after - 1) as f64 + self.ratio_at(after - 1, within_m))
-        };
-        periods * self.duration_s() + within_s
+        let within_m = arc_length_m - periods * self.length_m;
+        let done = self
+            .turns
+            .partition_point(|turn| turn.arc_length_m < within_m);
+        periods * self.duration_s() + self.within_period_s(within_m, self.turns[..done].last())
     }
 
-    /// Bisects the interpolated arc length between nodes `index` and `index + 1`.
-    fn ratio_at(&self, index: usize, arc_length_m: f64) -> f64 {
-        let (a, b) = (&self.nodes[index], &self.nodes[index + 1]);
-        let (mut low, mut high) = (0.0, 1.0);
-        for _ in 0..50 {
-            let middle = 0.5 * (low + high);
-            let found_m = Hermite::at(middle, self.step_s).value(
-                a.arc_length_m,
-                a.speed_m_s.abs(),
-                b.arc_length_m,
-                b.speed_m_s.abs(),
-            );
-            if found_m < arc_length_m {
-                low = middle;
-            } else {
-                high = middle;
-            }
-        }
-        high
-    }
-
-    fn standing(&self, time_s: f64, node: &Node) -> ReferencePoint {
-        ReferencePoint {
-            time_s,
-            arc_length_m: node.arc_length_m,
-            position: node.position,
-            heading_rad: node.heading_rad,
-            speed_m_s: 0.0,
-            yaw_rate_rad_s: 0.0,
-            motion: Motion::Stand,
-        }
-    }
-
-    fn last(&self) -> &Node {
-        &self.nodes[self.nodes.len() - 1]
-    }
-}
-
-impl Node {
-    fn velocity_m_s(&self) -> [f64; 2] {
-        let (sin, cos) = self.heading_rad.sin_cos();
-        [-sin * self.speed_m_s, cos * self.speed_m_s]
+    /// Returns the time of a period at an arc length behind the last turn before it, s.
+    fn within_period_s(&self, arc_length_m: f64, turn: Option<&SpotTurn>) -> f64 {
+        let driving_s = self.driving_s(arc_length_m);
+        turn.map_or(driving_s, |turn| {
+            turn.to_s + driving_s - self.driving_s(turn.arc_length_m)
+        })
     }
 }

@@ -377,7 +377,6 @@ mod tests {
             steer_acceleration_m_s2: f64::INFINITY,
             lateral_acceleration_m_s2: f64::INFINITY,
             track_width_m: 2.0,
-            initial_speed_m_s: 0.0,
         };
         let straight: Course = serde_yaml::from_str("{shape: straight, length_m: 30}").unwrap();
         let trajectory = straight.trajectory(&limits).unwrap();

@@ -378,7 +378,7 @@ impl<'a> Walk<'a> {
         self.steer_m_s = sense * gained_m_s.min(most_m_s);
         let turn_rad = step_s * self.steer_m_s / half_track_m;
         self.allowed_rad += turn_rad.clamp(-to_go_rad.abs(), to_go_rad.abs());
-        let place = self.reference.turned(turn, self.allowed_rad);
+        let place = turn.at(turn.time_of(self.allowed_rad));
         StageRequest {
             motion: Motion::Pivot,
             ends: (turn.to_rad - self.allowed_rad).abs() <= AT_END,

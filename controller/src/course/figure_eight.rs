@@ -1,5 +1,5 @@
-use crate::path::{ArcLength, CurvePoint, Direction, Path, PathError, Point2};
-use crate::trajectory::{Ending, Motion, NODE_STEP_S, Node, Trajectory};
+use crate::path::{ArcLength, CurvePoint, Direction, Path, PathError, Point2, SAMPLE_STEP_M};
+use crate::trajectory::{Ending, Trajectory};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
 use std::f64::consts::TAU;
@@ -27,7 +27,7 @@ impl Default for FigureEight {
 }
 
 impl FigureEight {
-    /// Returns the trajectory exactly as parametrised; it is periodic.
+    /// Returns the trajectory as parametrised; it is periodic.
     ///
     /// # Errors
     /// [`PathError::Range`] for parameters out of range.
@@ -37,26 +37,13 @@ impl FigureEight {
         let table = ArcLength::new(move |time_s| course.at(time_s), self.period_s, 2000);
         let samples = table.samples(Direction::Forward);
         let path = Path::from_pieces([(Direction::Forward, table.length_m(), samples)], true)?;
-        let intervals = (self.period_s / NODE_STEP_S).ceil() as usize;
-        let step_s = self.period_s / intervals as f64;
-        let mut heading_rad = table.point(0.0).travel_heading_rad();
-        let nodes = (0..=intervals)
-            .map(|i| {
-                let time_s = i as f64 * step_s;
-                let point = table.point(time_s);
-                let wrapped = point.travel_heading_rad();
-                heading_rad = wrapped + ((heading_rad - wrapped) / TAU).round() * TAU;
-                Node {
-                    arc_length_m: table.at_parameter(time_s),
-                    position: point.position,
-                    heading_rad,
-                    speed_m_s: point.speed(),
-                    yaw_rate_rad_s: point.speed() * point.curvature_per_m(),
-                    motion: Motion::Drive,
-                }
-            })
+        let length_m = table.length_m();
+        let intervals = (length_m / SAMPLE_STEP_M).ceil();
+        let speeds_m_s = (0..=intervals as usize)
+            .map(|i| table.parameter_at(length_m * i as f64 / intervals))
+            .map(|time_s| table.point(time_s).speed())
             .collect();
-        Trajectory::from_nodes(nodes, step_s, Some(path), Ending::Periodic)
+        Trajectory::along(path, Ending::Periodic, length_m, speeds_m_s)
     }
 
     pub(super) fn check(&self) -> Result<(), RangeError> {
@@ -85,10 +72,12 @@ impl FigureEight {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reference::PROJECTION_WINDOW;
 
     #[test]
     fn positions_are_those_of_the_formula() {
         let trajectory = FigureEight::default().trajectory().unwrap();
+        assert!((trajectory.duration_s() - 60.0).abs() < 0.01);
         let w = TAU / 60.0;
         for i in 0..12_345 {
             let t = f64::from(i) * 0.0117;
@@ -97,9 +86,11 @@ mod tests {
                 x_m: 2.4 * (2.0 * w * t).sin(),
                 y_m: 3.9 * (w * t).sin(),
             };
-            assert!(point.position.distance_m(&exact) < 1e-8, "at {t} s");
-            let on_path = trajectory.path().unwrap().at(point.arc_length_m);
-            assert!(on_path.position.distance_m(&exact) < 1e-6, "at {t} s");
+            assert!(point.position.distance_m(&exact) < 0.01, "at {t} s");
+            let path = trajectory.path().unwrap();
+            let nearest = path.nearest_within(&exact, point.arc_length_m, &PROJECTION_WINDOW);
+            assert!(nearest.cross_track_m.abs() < 1e-6, "at {t} s");
+            let on_path = path.at(point.arc_length_m);
             assert!((on_path.heading_rad - point.heading_rad).abs() < 1e-5);
             let speed = on_path.curvature_per_m * point.speed_m_s - point.yaw_rate_rad_s;
             assert!(speed.abs() < 1e-3, "{speed}");

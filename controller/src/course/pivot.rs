@@ -1,7 +1,7 @@
 //! A turn on the spot.
 
-use crate::path::{PathError, Point2};
-use crate::trajectory::{Ending, Motion, NODE_STEP_S, Node, Trajectory};
+use crate::path::Point2;
+use crate::trajectory::{SpotTurn, Trajectory};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
 
@@ -45,30 +45,19 @@ impl Pivot {
         Ok(())
     }
 
-    /// Where the vehicle's origin is at a heading: the centre less `centre_forward_m` ahead.
-    fn position(&self, heading_rad: f64) -> Point2 {
-        let (sin, cos) = heading_rad.sin_cos();
-        Point2 {
-            x_m: self.centre_forward_m * sin,
-            y_m: self.centre_forward_m * (1.0 - cos),
-        }
-    }
-
-    pub(super) fn trajectory(&self) -> Result<Trajectory, PathError> {
+    pub(super) fn trajectory(&self) -> Trajectory {
         let angle_rad = self.angle_deg.to_radians();
-        let duration_s = angle_rad.abs() / self.yaw_rate_rad_s;
-        let intervals = (duration_s / NODE_STEP_S).ceil().max(1.0) as usize;
-        let nodes = (0..=intervals)
-            .map(|i| angle_rad * i as f64 / intervals as f64)
-            .map(|heading_rad| Node {
-                arc_length_m: 0.0,
-                position: self.position(heading_rad),
-                heading_rad,
-                speed_m_s: 0.0,
-                yaw_rate_rad_s: angle_rad / duration_s,
-                motion: Motion::Pivot,
-            })
-            .collect();
-        Trajectory::from_nodes(nodes, duration_s / intervals as f64, None, Ending::Stop)
+        Trajectory::turning(SpotTurn {
+            arc_length_m: 0.0,
+            centre: Point2 {
+                x_m: 0.0,
+                y_m: self.centre_forward_m,
+            },
+            centre_forward_m: self.centre_forward_m,
+            from_s: 0.0,
+            to_s: angle_rad.abs() / self.yaw_rate_rad_s,
+            from_rad: 0.0,
+            to_rad: angle_rad,
+        })
     }
 }

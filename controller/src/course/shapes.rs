@@ -1,6 +1,6 @@
 use crate::path::{ArcLength, CurvePoint, Direction, Path, PathError, Point2};
 use crate::speed_profile::{SpeedLimits, speed_profile};
-use crate::trajectory::{Ending, Motion, NODE_STEP_S, Node, Trajectory};
+use crate::trajectory::{Ending, Trajectory};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
 use std::f64::consts::TAU;
@@ -71,29 +71,13 @@ impl Circle {
             [arc.piece(if whole { TAU } else { self.turns * TAU })],
             whole,
         )?;
-        let duration_s = self.turns * TAU * self.radius_m / self.speed_m_s;
-        let intervals = (duration_s / NODE_STEP_S).ceil().max(1.0) as usize;
-        let step_s = duration_s / intervals as f64;
-        let yaw_rate_rad_s = self.turn.sign() * self.speed_m_s / self.radius_m;
-        let nodes = (0..=intervals)
-            .map(|i| {
-                let angle_rad = (i as f64 * step_s) * self.speed_m_s / self.radius_m;
-                Node {
-                    arc_length_m: angle_rad * self.radius_m,
-                    position: arc.at(angle_rad).position,
-                    heading_rad: self.turn.sign() * angle_rad,
-                    speed_m_s: self.speed_m_s,
-                    yaw_rate_rad_s,
-                    motion: Motion::Drive,
-                }
-            })
-            .collect();
+        let length_m = self.turns * TAU * self.radius_m;
         let ending = if whole {
             Ending::Periodic
         } else {
             Ending::Stop
         };
-        Trajectory::from_nodes(nodes, step_s, Some(path), ending)
+        Trajectory::along(path, ending, length_m, vec![self.speed_m_s; 2])
     }
 }
 

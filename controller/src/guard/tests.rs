@@ -34,7 +34,6 @@ fn straight() -> Trajectory {
         steer_acceleration_m_s2: 1.0,
         lateral_acceleration_m_s2: 1.0,
         track_width_m: 2.0,
-        initial_speed_m_s: 0.0,
     };
     let points: Vec<crate::path::RawPoint> = (0..=40)
         .map(|i| crate::path::RawPoint {

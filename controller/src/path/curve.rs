@@ -81,12 +81,6 @@ impl<F: Fn(f64) -> CurvePoint> ArcLength<F> {
         (self.curve)(parameter)
     }
 
-    /// Returns the arc length from the start to a value of the parameter, m.
-    pub(crate) fn at_parameter(&self, parameter: f64) -> f64 {
-        let index = ((parameter / self.parameter_step) as usize).min(self.lengths_m.len() - 2);
-        self.lengths_m[index] + self.quadrature(index as f64 * self.parameter_step, parameter)
-    }
-
     /// Returns the parameter at an arc length, by Newton's method on the tabulated interval.
     pub(crate) fn parameter_at(&self, arc_length_m: f64) -> f64 {
         let index = self

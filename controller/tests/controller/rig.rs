@@ -41,7 +41,6 @@ pub const LIMITS: SpeedLimits = SpeedLimits {
     steer_acceleration_m_s2: 1.0,
     lateral_acceleration_m_s2: f64::INFINITY,
     track_width_m: 2.05,
-    initial_speed_m_s: 0.0,
 };
 
 pub fn course(yaml: &str) -> Trajectory {

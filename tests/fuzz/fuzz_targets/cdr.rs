@@ -68,7 +68,6 @@ target!(|data| {
                     steer_acceleration_m_s2: 1.0,
                     lateral_acceleration_m_s2: 1.0,
                     track_width_m: 2.0,
-                    initial_speed_m_s: 0.0,
                 },
                 tracked_point: TrackedPoint::default(),
                 use_orientations: which & 32 > 0,

@@ -300,11 +300,7 @@ impl GoalSession {
         let FollowedPath::Route(placed) = &mut self.following else {
             return;
         };
-        let route = match self.phase {
-            SessionPhase::Driving { .. } => placed.route.on_the_way(&settings.limits),
-            _ => placed.route.from_start(&settings.limits),
-        };
-        if let Ok(route) = route {
+        if let Ok(route) = placed.route.with_speeds(&settings.limits) {
             placed.route = route;
             placed.changed = true;
         }

@@ -55,8 +55,6 @@ pub struct ProfiledRoute {
     beside: Option<Arc<Beside>>,
     /// The curve in time, as it is driven.
     pub trajectory: Trajectory,
-    /// Speed of the vehicle where it begins, m/s.
-    initial_speed_m_s: f64,
     /// Its largest speed, m/s.
     pub speed_max_m_s: f64,
     /// Where it slows down for an obstacle.
@@ -64,15 +62,13 @@ pub struct ProfiledRoute {
 }
 
 impl ProfiledRoute {
-    /// Returns the route of a path for a vehicle at `pose`, in the path's frame, that drives at
-    /// `speed_m_s`.
+    /// Returns the route of a path for a vehicle at `pose`, in the path's frame.
     ///
     /// # Errors
     /// `INVALID_PATH` with the reason.
     pub fn build(
         path: &RequestedPath,
         pose: &PlanarPose,
-        speed_m_s: f64,
         settings: &RouteSettings,
     ) -> Result<Self, Outcome> {
         let first = path.first_passage(pose);
@@ -81,29 +77,31 @@ impl ProfiledRoute {
         let smoothed = smooth(&points, &settings.smoothing).map_err(Outcome::invalid_path)?;
         let path = Arc::new(smoothed.path);
         Ok(Self {
-            trajectory: profile(&path, speed_m_s, &settings.limits, None)?,
+            trajectory: profile(&path, &settings.limits, None)?,
             path,
             beside: None,
-            initial_speed_m_s: speed_m_s,
             speed_max_m_s: settings.limits.speed_max_m_s,
             approach: None,
         })
     }
 
-    /// Returns the same curve at other speeds, for a vehicle that is at its beginning.
+    /// Returns the same curve at other speeds.
     ///
     /// # Errors
     /// `INVALID_PATH` with the reason.
-    pub fn from_start(&self, limits: &SpeedLimits) -> Result<Self, Outcome> {
-        self.with_speeds(self.initial_speed_m_s, limits)
-    }
-
-    /// Returns the same curve at other speeds, for a vehicle that is on its way at the largest of them.
-    ///
-    /// # Errors
-    /// `INVALID_PATH` with the reason.
-    pub fn on_the_way(&self, limits: &SpeedLimits) -> Result<Self, Outcome> {
-        self.with_speeds(limits.speed_max_m_s, limits)
+    pub fn with_speeds(&self, limits: &SpeedLimits) -> Result<Self, Outcome> {
+        let approach = self.approach;
+        let driven = self
+            .beside
+            .as_ref()
+            .map_or(&*self.path, |beside| &beside.moved.path);
+        Ok(Self {
+            path: Arc::clone(&self.path),
+            beside: self.beside.clone(),
+            trajectory: profile(driven, limits, approach)?,
+            speed_max_m_s: limits.speed_max_m_s,
+            approach,
+        })
     }
 
     /// Returns the same curve for a vehicle on its way that slows down towards a place, or no longer.
@@ -116,7 +114,7 @@ impl ProfiledRoute {
         limits: &SpeedLimits,
     ) -> Result<Self, Outcome> {
         self.approach = approach;
-        self.on_the_way(limits)
+        self.with_speeds(limits)
     }
 
     /// Returns the route past an obstacle at an arc length of it, for a vehicle on its way that leaves its course
@@ -150,7 +148,7 @@ impl ProfiledRoute {
             approach: None,
             ..self.clone()
         };
-        route.on_the_way(&settings.limits).ok()
+        route.with_speeds(&settings.limits).ok()
     }
 
     /// Returns how far ahead an obstacle has to be seen to be passed, m.
@@ -180,22 +178,6 @@ impl ProfiledRoute {
     /// Returns where it slows down for an obstacle.
     pub(crate) fn approach(&self) -> Option<&Approach> {
         self.approach.as_ref()
-    }
-
-    fn with_speeds(&self, initial_m_s: f64, limits: &SpeedLimits) -> Result<Self, Outcome> {
-        let approach = self.approach;
-        let driven = self
-            .beside
-            .as_ref()
-            .map_or(&*self.path, |beside| &beside.moved.path);
-        Ok(Self {
-            path: Arc::clone(&self.path),
-            beside: self.beside.clone(),
-            trajectory: profile(driven, initial_m_s, limits, approach)?,
-            initial_speed_m_s: self.initial_speed_m_s,
-            speed_max_m_s: limits.speed_max_m_s,
-            approach,
-        })
     }
 }
 
@@ -255,19 +237,14 @@ fn max_curvature_per_m(path: &Path, settings: &RouteSettings) -> f64 {
 
 fn profile(
     path: &Path,
-    speed_m_s: f64,
     limits: &SpeedLimits,
     approach: Option<Approach>,
 ) -> Result<Trajectory, Outcome> {
-    let limits = SpeedLimits {
-        initial_speed_m_s: speed_m_s.clamp(0.0, limits.speed_max_m_s),
-        ..*limits
-    };
     let cap_m_s = |point: &PathPoint| match &approach {
         Some(approach) => approach.speed.at(approach.stop_at_m - point.arc_length_m),
         None => f64::INFINITY,
     };
-    speed_profile(path, &limits, cap_m_s).map_err(Outcome::invalid_path)
+    speed_profile(path, limits, cap_m_s).map_err(Outcome::invalid_path)
 }
 
 /// How far from their middle poses are one place, m: less than the usual 5 cm from pose to pose.

@@ -88,7 +88,6 @@ pub(crate) fn route_settings() -> RouteSettings {
             steer_acceleration_m_s2: 1.0,
             lateral_acceleration_m_s2: 1.0,
             track_width_m: 2.0,
-            initial_speed_m_s: 0.0,
         },
         use_orientations: false,
     }

@@ -11,7 +11,7 @@ use crate::server::requested_path::RequestedPath;
 use crate::server::route::ProfiledRoute;
 use crate::server::termination::Termination;
 use nalgebra::{Isometry3, Point3, Vector3};
-use sidehill_bridge::safety::{SafetyState, StopCause};
+use sidehill_bridge::safety::StopCause;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
@@ -71,7 +71,7 @@ impl GoalSession {
     ) -> Result<(), Outcome> {
         let frame = path_frame(&self.path, context, settings)?;
         let no_pose = || Outcome::new(code::TF_ERROR, "there is no fresh pose of the vehicle");
-        let (pose, speed_m_s) = whereabouts(context).ok_or_else(no_pose)?;
+        let pose = whereabouts(context).ok_or_else(no_pose)?;
         let normal = context
             .decision
             .and_then(|decision| decision.estimate)
@@ -94,7 +94,7 @@ impl GoalSession {
             .name("ros2 path".to_owned())
             .spawn(move || {
                 // The receiver is gone if a newer path has arrived.
-                let _ = sender.send(ProfiledRoute::build(&path, &pose, speed_m_s, &settings));
+                let _ = sender.send(ProfiledRoute::build(&path, &pose, &settings));
             })
             .map_err(|error| Outcome::new(code::UNKNOWN, error.to_string()))?;
         self.phase = SessionPhase::Building {
@@ -113,7 +113,7 @@ impl GoalSession {
         requests: &mut StepRequests,
     ) -> Result<(), Outcome> {
         if route.speed_max_m_s != settings.route.limits.speed_max_m_s {
-            route = route.from_start(&settings.route.limits)?;
+            route = route.with_speeds(&settings.route.limits)?;
         }
         let frame = path_frame(&self.path, context, settings)?;
         let placed = PlacedRoute {
@@ -135,7 +135,7 @@ impl GoalSession {
         requests.push(Request::Follow(Some(command)));
         let start_rad = placed.route.trajectory.at(0.0).heading_rad + placed.frame.yaw_rad;
         let begins_behind = whereabouts(context)
-            .is_some_and(|(pose, _)| wrap_angle(pose.yaw_rad - start_rad).abs() > FRAC_PI_2);
+            .is_some_and(|pose| wrap_angle(pose.yaw_rad - start_rad).abs() > FRAC_PI_2);
         if begins_behind && settings.pivots.at_start && !self.pivoted_at_start {
             let then = AfterStop::PivotTo(start_rad);
             self.stop_first(then, context.is_under_way(), context, requests);
@@ -228,14 +228,9 @@ fn path_frame(
         .map_err(|error| Outcome::new(code::TF_ERROR, error.to_string()))
 }
 
-/// Returns pose and speed of the vehicle, m/s, where they are fresh.
-fn whereabouts(context: &GoalContext<'_>) -> Option<(PlanarPose, f64)> {
-    let decision = context.decision?;
-    let estimate = decision.estimate.as_ref()?;
+/// Returns the pose of the vehicle, where it is fresh.
+fn whereabouts(context: &GoalContext<'_>) -> Option<PlanarPose> {
+    let estimate = context.decision?.estimate.as_ref()?;
     let age_s = context.now_s - estimate.time_s + estimate.pose_age_s;
-    let speed_m_s = match context.state {
-        SafetyState::Driving => decision.command_effective.traction_m_s.abs(),
-        _ => 0.0,
-    };
-    (age_s <= context.tolerances.transform_s).then_some((estimate.pose, speed_m_s))
+    (age_s <= context.tolerances.transform_s).then_some(estimate.pose)
 }

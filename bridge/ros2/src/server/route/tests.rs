@@ -33,7 +33,7 @@ fn a_kink_close_to_an_end_is_smoothed_within_the_deviation_or_turned_at_on_the_s
     };
     let pose = PlanarPose::default();
     let path = at(&[(0.0, 0.0), (0.1, 0.1), (0.1, 0.2), (0.1, 0.3)]);
-    let route = ProfiledRoute::build(&path, &pose, 0.0, &route_settings()).unwrap();
+    let route = ProfiledRoute::build(&path, &pose, &route_settings()).unwrap();
     let end = route.trajectory.at(1e3).position;
     assert!((end.x_m - 0.1).hypot(end.y_m - 0.3) < 1e-6, "{end:?}");
     let exact = RouteSettings {
@@ -44,7 +44,7 @@ fn a_kink_close_to_an_end_is_smoothed_within_the_deviation_or_turned_at_on_the_s
         ..route_settings()
     };
     let turns = |settings: &RouteSettings| {
-        let route = ProfiledRoute::build(&path, &pose, 0.0, settings).unwrap();
+        let route = ProfiledRoute::build(&path, &pose, settings).unwrap();
         let mut times_s = (0..1000).map(|i| 0.01 * f64::from(i));
         times_s.any(|time_s| route.trajectory.at(time_s).motion == Motion::Pivot)
     };
@@ -54,25 +54,23 @@ fn a_kink_close_to_an_end_is_smoothed_within_the_deviation_or_turned_at_on_the_s
 #[test]
 fn a_single_pose_is_no_path() {
     let path = line(1);
-    let error =
-        ProfiledRoute::build(&path, &PlanarPose::default(), 0.0, &route_settings()).unwrap_err();
+    let error = ProfiledRoute::build(&path, &PlanarPose::default(), &route_settings()).unwrap_err();
     assert_eq!(error.code, code::INVALID_PATH);
 }
 
 #[test]
-fn a_path_is_joined_where_the_vehicle_is_and_at_its_speed() {
+fn a_path_is_joined_where_the_vehicle_is() {
     let path = line(101);
     let pose = PlanarPose {
         x_m: 4.02,
         y_m: 0.3,
         yaw_rad: -FRAC_PI_2,
     };
-    let route = ProfiledRoute::build(&path, &pose, 0.3, &route_settings()).unwrap();
+    let route = ProfiledRoute::build(&path, &pose, &route_settings()).unwrap();
     let start = route.trajectory.at(0.0);
     assert!((start.position.x_m - 4.0).abs() < 0.05, "{start:?}");
-    assert!((start.speed_m_s - 0.3).abs() < 1e-6, "{start:?}");
     assert!((route.trajectory.length_m() - 6.0).abs() < 0.05);
-    let slow = route.on_the_way(&SpeedLimits {
+    let slow = route.with_speeds(&SpeedLimits {
         speed_max_m_s: 0.2,
         ..route_settings().limits
     });
@@ -97,7 +95,7 @@ fn a_route_keeps_the_speeds_of_its_poses_at_other_speeds_too() {
         x_m: 4.0,
         ..path.poses[0]
     };
-    let route = ProfiledRoute::build(&path, &pose, 0.0, &route_settings()).unwrap();
+    let route = ProfiledRoute::build(&path, &pose, &route_settings()).unwrap();
     let fastest = |route: &ProfiledRoute, from_m: f64, to_m: f64| {
         (0..=100)
             .map(|i| from_m + f64::from(i) / 100.0 * (to_m - from_m))
@@ -111,7 +109,7 @@ fn a_route_keeps_the_speeds_of_its_poses_at_other_speeds_too() {
             speed_max_m_s,
             ..route_settings().limits
         };
-        let limited = route.on_the_way(&limits).unwrap();
+        let limited = route.with_speeds(&limits).unwrap();
         assert_eq!(fastest(&limited, 1.0, 2.0), slow_m_s);
         assert_eq!(fastest(&limited, 2.0, 6.0), open_m_s);
     }
@@ -127,9 +125,9 @@ fn orientations_say_where_a_path_is_driven_in_reverse() {
         use_orientations: true,
         ..route_settings()
     };
-    let route = ProfiledRoute::build(&path, &path.poses[0], 0.0, &backward).unwrap();
+    let route = ProfiledRoute::build(&path, &path.poses[0], &backward).unwrap();
     assert!(route.trajectory.at(2.0).speed_m_s < 0.0);
-    let forward = ProfiledRoute::build(&path, &path.poses[0], 0.0, &route_settings()).unwrap();
+    let forward = ProfiledRoute::build(&path, &path.poses[0], &route_settings()).unwrap();
     assert!(forward.trajectory.at(2.0).speed_m_s > 0.0);
 }
 
@@ -179,8 +177,7 @@ fn a_way_back_in_one_direction_is_refused_with_its_place() {
             poses: poses.collect(),
             ..RequestedPath::default()
         };
-        let error =
-            ProfiledRoute::build(&path, &PlanarPose::default(), 0.0, &oriented).unwrap_err();
+        let error = ProfiledRoute::build(&path, &PlanarPose::default(), &oriented).unwrap_err();
         assert_eq!(error.code, code::INVALID_PATH);
         assert!(
             error.message.contains("turns back on the spot"),
@@ -218,7 +215,7 @@ fn poses_of_a_vehicle_that_stood_are_one_place() {
             path.poses.splice(0..0, stand(0.0, before));
             path.poses.extend(stand(3.0, after));
             let pose = path.poses[0];
-            let route = ProfiledRoute::build(&path, &pose, 0.0, &route_settings()).unwrap();
+            let route = ProfiledRoute::build(&path, &pose, &route_settings()).unwrap();
             let length_m = route.trajectory.length_m();
             assert!((length_m - 3.0).abs() < 0.1, "{length_m}");
             let start = route.trajectory.at(0.0);
