@@ -33,9 +33,9 @@ const PIVOT_END: f64 = 10.0;
 /// Time that a turn on the spot takes to gain and lose speed, s, and how much longer than asked for it takes.
 const PIVOT_RAMPS_S: f64 = 1.0;
 const PIVOT_SLOWER: f64 = 1.2;
-/// Largest cost of a way at the speed asked for, 1/s: that of errors of 0.2 m at the default weights. A plan that hardly
-/// moves has no way to divide by.
-const WAY_COST_MAX: f64 = 2.0;
+/// Largest cost of a way at the speed asked for, 1/s: that of errors of 1 m at the default weights. A plan that hardly
+/// moves has no way to divide by; with a bound of 0.2 m one that leads away from the path stands there.
+const WAY_COST_MAX: f64 = 50.0;
 /// Growth of the price of speed with the cost of a way.
 const PRICE_BY_WAY: f64 = 2.0;
 /// Step with which the time for a length is summed, m.
