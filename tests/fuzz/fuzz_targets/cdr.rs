@@ -72,7 +72,7 @@ target!(|data| {
                 tracked_point: TrackedPoint::default(),
                 use_orientations: which & 32 > 0,
             };
-            ProfiledRoute::build(&path, &path.poses[0], 0.0, &settings).map(drop)
+            ProfiledRoute::build(&path, &path.poses[0], &settings).map(drop)
         })),
         5 => drop(
             from_cdr::<PoseStamped>(bytes)
