@@ -126,7 +126,6 @@ REALISTIC = {
         "steer": {"speed_m_s": 1.0, "acceleration_m_s2": 2.0, "deceleration_m_s2": 2.0},
         "tread_speed_m_s": 2.0,
     },
-    "weights": {"steer_change_s3_per_m2": 0.8, "heading_per_rad2": 0.4},
     "estimator": {
         "pose_sigma_m": 0.01, "pose_sigma_rad": 0.0087, "gate": 100, "normal_filter_s": 0.5,
         "slide_sigma_m_per_sqrt_s": 0.005, "yaw_sigma_rad_per_sqrt_s": 0.005,

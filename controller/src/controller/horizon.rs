@@ -45,6 +45,11 @@ const STEER_CHANGE_OFF_PATH: f64 = 0.25;
 /// Distance from the path at which that factor is half way between both, m.
 const OFF_PATH_M: f64 = 0.05;
 
+/// Noise of positions from which on a change of steer has its full weight, m: with less the weight falls as the
+/// noise's variance does, as far as this share.
+const NOISY_M: f64 = 0.01;
+const NOISE_SHARE_MIN: f64 = 1.0 / 16.0;
+
 impl Controller {
     /// Returns how far the vehicle has come.
     pub(super) fn advance_reference(
@@ -128,7 +133,8 @@ impl Controller {
         (self.horizon.start, self.horizon.moving) = self.roll_forward(estimate, progress);
         self.horizon.previous = previous;
         self.horizon.change_weights = self.config.weights.changes();
-        self.horizon.change_weights.steer *= steer_change(progress.cross_track_m);
+        self.horizon.change_weights.steer *=
+            steer_change(progress.cross_track_m) * noise_share(estimate.pose_noise_m);
         let Law::Mpc(mpc) = &self.law else {
             return;
         };
@@ -410,6 +416,12 @@ fn steer_change(cross_track_m: f64) -> f64 {
     let squared = (cross_track_m / OFF_PATH_M).powi(2);
     let off_path = squared / (1.0 + squared);
     STEER_CHANGE_ON_PATH + off_path * (STEER_CHANGE_OFF_PATH - STEER_CHANGE_ON_PATH)
+}
+
+/// Returns the share of the weight of a change of steer at a noise of positions: what steer answers of it moves the
+/// vehicle to and fro.
+fn noise_share(pose_noise_m: f64) -> f64 {
+    (pose_noise_m / NOISY_M).powi(2).clamp(NOISE_SHARE_MIN, 1.0)
 }
 
 /// Returns the share of the speeds at a share of the largest uncertainty: whole up to half of it, from there falling

@@ -63,6 +63,9 @@ pub struct Estimate {
     pub gyro_bias_rad_s: Option<f64>,
     /// Root mean square of the error of the predicted velocity over the last seconds, m/s.
     pub model_error_m_s: f64,
+    /// Standard deviation of the noise of positions as they show it, at first that of the settings, m.
+    #[serde(default)]
+    pub pose_noise_m: f64,
     /// Age of the newest accepted pose, s.
     #[serde(with = "crate::serde_form::age")]
     pub pose_age_s: f64,
@@ -108,6 +111,7 @@ impl Estimate {
             contact: None,
             gyro_bias_rad_s: None,
             model_error_m_s: 0.0,
+            pose_noise_m: 0.0,
             pose_age_s: 0.0,
             attitude_age_s: 0.0,
             speeds_age_s: 0.0,

@@ -312,6 +312,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             gyro_bias_rad_s: gyro
                 .filter(|gyro| gyro.confirmed)
                 .map(|_| belief.gyro_bias_rad_s()),
+            pose_noise_m: belief.pose_noise.position_m(),
             pose_age_s: time_s - self.pose_time_s,
             attitude_age_s: time_s - self.attitude_time_s,
             speeds_age_s: time_s - self.speeds_time_s,

@@ -64,6 +64,11 @@ impl PoseNoise {
         Matrix3::from_diagonal(&within)
     }
 
+    /// Returns the standard deviation of positions, m.
+    pub(super) fn position_m(&self) -> f64 {
+        self.variance.x.sqrt()
+    }
+
     /// Takes a new pose that is believed: its differences from the prediction, and from the estimate after it.
     pub(super) fn observe(
         &mut self,

@@ -297,11 +297,25 @@ fn changes_cost_more_in_longer_stages_and_those_of_steer_less_beside_the_path() 
         let longer = controller.mpc().unwrap().stage_times().stretch().powi(3);
         assert!(longer > 2.0, "{longer}");
         assert!((weights.traction / (longer * own.traction) - 1.0).abs() < 1e-9);
+        // After one pose the noise is that of the settings.
         let found = weights.steer / (longer * own.steer);
         assert!(
             (found - factor).abs() < 0.01,
             "{kind:?} {beside_m}: {found}"
         );
+    }
+}
+
+#[test]
+fn a_change_of_steer_costs_more_where_positions_are_noisy() {
+    for (noise_m, share) in [
+        (0.0, 0.0625),
+        (0.002, 0.0625),
+        (0.005, 0.25),
+        (0.01, 1.0),
+        (0.1, 1.0),
+    ] {
+        assert!((noise_share(noise_m) - share).abs() < 1e-9, "{noise_m}");
     }
 }
 
