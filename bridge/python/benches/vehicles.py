@@ -127,11 +127,12 @@ REALISTIC = {
         "tread_speed_m_s": 2.0,
     },
     "estimator": {
-        "pose_sigma_m": 0.01, "pose_sigma_rad": 0.0087, "gate": 100, "normal_filter_s": 0.5,
-        "slide_sigma_m_per_sqrt_s": 0.005, "yaw_sigma_rad_per_sqrt_s": 0.005,
-        "adaptation": {"slope_sigma": 0.4, "forgetting_per_m": 0.05}, "contact": {"friction_forgetting_per_m": 0.2},
+        "pose_sigma_m": 0.01,
+        "pose_sigma_rad": 0.0087,
+        "slide_sigma_m_per_sqrt_s": 0.005,
+        "yaw_sigma_rad_per_sqrt_s": 0.005,
     },
-}  # fmt: skip
+}
 
 
 def course(measures: Measures) -> dict[str, float | str]:
