@@ -320,6 +320,27 @@ fn a_change_of_steer_costs_more_where_positions_are_noisy() {
 }
 
 #[test]
+fn the_weight_of_a_change_of_steer_follows_the_noise_that_poses_show() {
+    let course = Course::Straight(Straight::default());
+    for (noise_m, least, most) in [(0.0, 0.06, 0.15), (0.005, 0.3, 0.5), (0.02, 0.8, 1.0)] {
+        let mut controller = following(ControllerKind::ContactMpc, &course, 0.0, 1, start);
+        let at = start(controller.reference.as_ref().unwrap());
+        for cycle in 1..60 {
+            let sign = if cycle % 2 == 0 { 1.0 } else { -1.0 };
+            let pose = PlanarPose {
+                x_m: at.x_m + sign * noise_m,
+                ..at
+            };
+            see(&mut controller, &pose, cycle..cycle + 1);
+        }
+        let longer = controller.mpc().unwrap().stage_times().stretch().powi(3);
+        let whole = STEER_CHANGE_ON_PATH * controller.config.weights.changes().steer;
+        let share = controller.horizon.change_weights.steer / (longer * whole);
+        assert!((least..=most).contains(&share), "{noise_m}: {share}");
+    }
+}
+
+#[test]
 fn a_vehicle_that_knows_less_where_it_is_drives_slower() {
     for (uncertainty, share) in [
         (0.0, 1.0),
